@@ -43,3 +43,7 @@ def __getattr__(name: str) -> Any:
     from circnav_mav.guidance import types
 
     return getattr(api, name, None) or getattr(types, name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

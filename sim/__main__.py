@@ -1,4 +1,4 @@
-"""python -m circnav_mav.emulator [VEHICLE.toml]: the vehicle alone, for any ground station, companion or test."""
+"""python -m circnav_sim [VEHICLE.toml]: the vehicle alone, for any ground station, companion or test."""
 
 import sys
 from functools import partial
@@ -28,7 +28,7 @@ def emulate(
     serve(config, endpoint, ranging_endpoint, speed, duration, lambda line: click.echo(line + how), stopped, click.echo)
 
 
-@click.command(epilog="Example: python -m circnav_mav.emulator --endpoint udpin:0.0.0.0:14550")
+@click.command(epilog="Example: python -m circnav_sim --endpoint udpin:0.0.0.0:14550")
 @click.argument("vehicle", required=False, metavar="[VEHICLE.toml]")
 @said("--endpoint", default="udpout:127.0.0.1:14550", metavar="URL", help="udpin:, udpout: or tcpin:HOST:PORT.")
 @said("--ranging-endpoint", metavar="URL", help='Where its radio sends to, for ranging that goes "direct".')

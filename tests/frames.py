@@ -2,9 +2,8 @@
 
 from typing import Any
 
+from circnav_sim.faults.frames import write
 from pymavlink.dialects.v20 import all as mavlink
-
-from sim.faults.frames import write
 
 
 def sender(frame: bytes) -> tuple[int, int]:

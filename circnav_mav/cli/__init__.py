@@ -8,17 +8,17 @@ import gc
 import sys
 import warnings
 from collections.abc import Callable
-from functools import wraps
-from math import isfinite
-from pkgutil import resolve_name
-from typing import Any
+from functools import partial
 
 import click
+from circnav_sim.__main__ import main as emulator
 
 from circnav_mav import __version__
 from circnav_mav.cli.bundled import FileOrName
+from circnav_mav.cli.describe import Folder
+from circnav_mav.cli.describe import command as described
 from circnav_mav.cli.exits import Exit, Refused, mind_output
-from circnav_mav.emulator.__main__ import main as emulator
+from circnav_mav.extension import extensions, load
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True}
 
@@ -34,42 +34,21 @@ SPEED_HELP = "Bundled vehicle: N times real time, to watch it. [default: as fast
 SELDOM = 200_000
 """Objects between two garbage collections. What a command loads stays; to look through it again and again took a
 seventh of the time that `check` takes."""
-WEB_HELP = "Show the flight in a browser on this computer, too, at http://127.0.0.1:PORT. [default port: 8080]"
 
 
-class Finite(click.FloatRange):
-    """Neither nan nor inf, which are numbers for `float`."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """The number."""
-        number = float(super().convert(value, param, ctx))
-        if not isfinite(number):
-            self.fail(f"{value!r} is not a number.", param, ctx)
-        return number
-
-
-ERROR = Finite(0.001, 1000)
-"""A standard deviation, m."""
-
-
-class Folder(click.Path):
-    """Where to write. An empty name, as of a script's variable that was never set, would mean the current folder."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The name. Raises Refused."""
-        if value == "":
-            raise Refused("--out: is empty, give it a name")
-        return value
-
-
-class InOrder(click.Group):
-    """Lists its commands in the order in which a newcomer needs them: that of this file."""
+class Commands(click.Group):
+    """Lists its commands in the order in which a newcomer needs them: those of this file, then those of extensions."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(self.commands)
+        return [*self.commands, *(name for extension in extensions() for name in extension.commands)]
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        added = (extension.commands[name] for extension in extensions() if name in extension.commands)
+        reference = next(added, None)
+        return super().get_command(ctx, name) if reference is None else load(reference)
 
 
-@click.group(cls=InOrder, context_settings=CONTEXT)
+@click.group(cls=Commands, context_settings=CONTEXT)
 @click.version_option(__version__, prog_name="circnav")
 def circnav() -> None:
     """Circle a radio beacon with nothing but the distance to it, over MAVLink.
@@ -102,21 +81,18 @@ def circnav() -> None:
     """
 
 
-def command(does: str, group: click.Group = circnav, **words: Any) -> Callable[[Callable[[], None]], click.Command]:
-    """A command with the name, the help and the options of a function. does: `module:function` of this package, which
-    is imported when it runs, gets the options by name and answers with the exit code."""
-
-    def make(described: Callable[[], None]) -> click.Command:
-        @wraps(described)
-        def run(**options: Any) -> Any:
-            return resolve_name(f"{__name__}.{does}")(**options)
-
-        return group.command(**words)(run)
-
-    return make
+command = partial(described, group=circnav)
 
 
-@command("fly:fly_mission", short_help="Fly a mission, show it live, record it.")
+def _options_of_extensions(function: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options that extensions add to `fly`."""
+    for extension in extensions():
+        for reference in extension.fly_options:
+            function = load(reference)(function)
+    return function
+
+
+@command("circnav_mav.cli.fly:fly_mission", short_help="Fly a mission, show it live, record it.")
 @MISSION
 @ENDPOINT
 @SET
@@ -125,7 +101,7 @@ def command(does: str, group: click.Group = circnav, **words: Any) -> Callable[[
 @click.option("--out", type=Folder(), metavar="DIR", help="Run folder. [default: runs/<time>-<name>]")
 @click.option("--dry-run", is_flag=True, help="Compute and log everything, but send no setpoint and request no mode.")
 @click.option("--shadow", is_flag=True, help="Like --dry-run, and send nothing but our heartbeat and the plot values.")
-@click.option("--web", is_flag=False, flag_value="8080", metavar="[PORT]", help=WEB_HELP)
+@_options_of_extensions
 def fly() -> None:
     """Fly MISSION, show it live, and record it in a run folder.
 
@@ -141,7 +117,7 @@ def fly() -> None:
     """
 
 
-@command("init:write_mission", short_help="Write a commented mission file of your own.")
+@command("circnav_mav.cli.init:write_mission", short_help="Write a commented mission file of your own.")
 @click.argument("vehicle", required=False, metavar="VEHICLE")
 @click.argument("file", required=False, type=click.Path())
 def init() -> None:
@@ -157,7 +133,7 @@ def init() -> None:
     """
 
 
-@command("check:check_file", short_help="Check a mission without flying it.")
+@command("circnav_mav.cli.check:check_file", short_help="Check a mission without flying it.")
 @MISSION
 @SET
 def check() -> None:
@@ -169,7 +145,7 @@ def check() -> None:
     """
 
 
-@command("preflight:preflight_file", short_help="Listen to vehicle and ranging; command nothing.")
+@command("circnav_mav.cli.preflight:preflight_file", short_help="Listen to vehicle and ranging; command nothing.")
 @MISSION
 @ENDPOINT
 @SET
@@ -186,7 +162,7 @@ def preflight() -> None:
     """
 
 
-@command("report:report_run", short_help="Draw the report of a run again.")
+@command("circnav_mav.cli.report:report_run", short_help="Draw the report of a run again.")
 @click.argument("folder", type=click.Path(), metavar="RUN")
 @click.option("--after-flight", is_flag=True, hidden=True, help="As fly ends, which says so in a line.")
 def report() -> None:
@@ -199,7 +175,7 @@ def report() -> None:
     """
 
 
-@command("replay:replay_log", short_help="Run a recorded flight through the pilot again.")
+@command("circnav_mav.cli.replay:replay_log", short_help="Run a recorded flight through the pilot again.")
 @click.argument("log", type=click.Path(), metavar="RUN_OR_TLOG")
 @click.option("--mission", type=FileOrName("mission"), metavar="FILE", help="Another mission; a plain tlog needs one.")
 @SET
@@ -221,73 +197,10 @@ def replay() -> None:
     """
 
 
-@command("export:export_run", short_help="Convert a run for Foxglove or PlotJuggler.")
-@click.argument("folder", type=click.Path(), metavar="RUN")
-@click.option("--mcap", "mcap", is_flag=False, flag_value="", metavar="[FILE]", help="MCAP. [default: RUN/flight.mcap]")
-def export() -> None:
-    """Convert RUN, a run folder, for Foxglove or PlotJuggler. The file holds ticks, truth and events.
-
-    \b
-    Example:
-        circnav export runs/20260101-120000-quickstart --mcap
-    """
-
-
-@command("locate:locate_log", short_help="Tell where the targets of a log are.")
-@click.argument("path", type=click.Path(), metavar="RUN|TLOG|CSV")
-@click.option("--tag", "tags", multiple=True, metavar="ID", help="Only this tag. May be repeated. [default: all]")
-@click.option(
-    "--sigma", type=ERROR, metavar="M", help="Noise of the ranges, where the log says none. [default: as it shows]"
-)
-@click.option("--gps-sigma", type=ERROR, default=1.5, metavar="M", help="Error of the positions.")
-@click.option("--bias", type=ERROR, default=2.0, metavar="M", help="How far ranges may be off together.")
-@click.option(
-    "--altitude", type=Finite(-1e6, 1e6), metavar="M", help="Of the target, where it is known; as the log counts it."
-)
-@click.option("--out", type=Folder(), metavar="DIR", help="Where to write. [default: beside the log]")
-def locate() -> None:
-    """Tell where the targets of a log are. Writes GeoJSON, KML and a picture.
-
-    A log is a run folder, a tlog with positions and ranges, or a CSV whose first line names time (s or ISO 8601),
-    latitude, longitude, range (m), and maybe altitude (m), sigma (m), tag. Exit codes: 0 located, 2 bad usage,
-    3 nothing to locate.
-
-    \b
-    Examples:
-        circnav locate runs/20260101-120000-quickstart
-        circnav locate collar.csv --tag 17 --out map
-    """
-
-
-@circnav.group(short_help="Try a ranging radio and its driver.")
-def ranging() -> None:
-    """Try a ranging radio and its driver, without a vehicle.
-
-    \b
-    Example:
-        circnav ranging watch linktrack:/dev/ttyUSB0
-    """
-
-
-@command("ranging:watch_radio", group=ranging, short_help="Show what a radio measures, a line a second.")
-@click.argument("endpoint", metavar="DRIVER:PORT")
-@click.option("--seconds", type=Finite(1), metavar="N", help="How long. [default: until Ctrl-C]")
-def watch() -> None:
-    """Show what a radio measures: a line a second for each beacon, over the last ten seconds.
-
-    DRIVER is dwm1001, lines, linktrack or one of an installed package; PORT a device (/dev/ttyUSB0, or with its baud
-    rate /dev/ttyUSB0:115200) or an endpoint (udpin:0.0.0.0:5005, tcp:HOST:PORT). A mission takes the same as its
-    ranging.endpoint. Exit codes: 0 ranges were heard, 2 no such driver or port, 3 none were heard.
-
-    \b
-    Examples:
-        circnav ranging watch linktrack:/dev/ttyUSB0
-        circnav ranging watch lines:udpin:0.0.0.0:5005 --seconds 10
-    """
-
-
 @command(
-    "emulate:run_emulator", short_help="Run the bundled vehicle alone, for any client.", params=emulator.params[1:]
+    "circnav_mav.cli.emulate:run_emulator",
+    short_help="Run the bundled vehicle alone, for any client.",
+    params=emulator.params[1:],
 )
 @click.argument("vehicle", required=False, type=FileOrName("mission"), metavar="[VEHICLE]")
 def emulate() -> None:
@@ -302,53 +215,6 @@ def emulate() -> None:
     """
 
 
-@command("experiments:fly_bench", short_help="Compare the laws over many flights.")
-@click.option("--flights", type=click.IntRange(1), default=1000, metavar="N", help="Flights of each cell.")
-@click.option("--law", "laws", multiple=True, metavar="NAME", help="Only this law (law+estimator). May be repeated.")
-@click.option("--situation", "situations", multiple=True, metavar="NAME", help="Only this situation. May be repeated.")
-@click.option("--seed", type=click.IntRange(0), default=1, metavar="N", help="Of all random numbers.")
-@click.option("--out", type=Folder(), metavar="DIR", help="Write table.csv, table.md and table.png there.")
-def bench() -> None:
-    """Compare the laws over many flights. Wind, gusts, moving targets, bad sensors; the result is one table.
-
-    \b
-    Examples:
-        circnav bench --flights 50 --out bench
-        circnav bench --law auto --situation "wind .33 V"
-    """
-
-
-@command("experiments:fly_campaign", short_help="Fly a mission many times with varied values.")
-@click.argument("file", type=FileOrName("campaign"), metavar="CAMPAIGN")
-@click.option("--runs", type=click.IntRange(1), metavar="N", help="Flights. [default: as the file says]")
-@click.option("--out", type=Folder(), metavar="DIR", help="Folder. [default: campaigns/<time>-<name>]")
-@click.option("--resume", is_flag=True, help="Go on with the campaign in DIR where it stopped.")
-@click.option("--processes", type=click.IntRange(1), metavar="N", help="Processes. [default: all cores]")
-@click.option("--scheduler", metavar="ADDR", help="Fly on a Dask scheduler's workers, e.g. tcp://host:8786.")
-def campaign() -> None:
-    """Fly a mission many times with varied values. CAMPAIGN, a file or the name of a bundled one, says which; the
-    result is a table, a summary and plots.
-
-    \b
-    Examples:
-        circnav campaign wind
-        circnav campaign wind --runs 20000 --out wind --resume
-    """
-
-
-@command("experiments:reproduce_paper", short_help="Reproduce the paper's three examples.")
-@click.option("--out", type=Folder(), default="paper", metavar="DIR", help="Where to write.")
-@click.option("--starts", type=click.IntRange(1), default=200, metavar="N", help="Random starts of each example.")
-@click.option("--seed", type=click.IntRange(0), default=1, metavar="N", help="Of the random starts.")
-def paper() -> None:
-    """Reproduce the three examples of the paper. Draws six figures, and prints a table of predicted and reached radius.
-
-    \b
-    Example:
-        circnav paper --out paper --starts 500
-    """
-
-
 @circnav.group(short_help="Delete old run folders.")
 def runs() -> None:
     """Look after run folders.
@@ -359,7 +225,7 @@ def runs() -> None:
     """
 
 
-@command("runs:clean_runs", group=runs, short_help="Delete old run folders; asks first.")
+@command("circnav_mav.cli.runs:clean_runs", group=runs, short_help="Delete old run folders; asks first.")
 @click.argument("folder", type=click.Path(exists=True, file_okay=False), default="runs")
 @click.option("--older-than", default="30d", metavar="AGE", help="Such as 12h, 30d or 4w.")
 @click.option("--keep", type=click.IntRange(0), default=5, metavar="N", help="The newest N stay.")
@@ -374,8 +240,8 @@ def clean() -> None:
     """
 
 
-@command("init:print_schema", short_help="Print the JSON schema of a file, for editors.")
-@click.argument("kind", type=click.Choice(["mission", "campaign"]))
+@command("circnav_mav.cli.init:print_schema", short_help="Print the JSON schema of a file, for editors.")
+@click.argument("kind", type=click.Choice(["mission", *(name for one in extensions() for name in one.schemas)]))
 def schema() -> None:
     """Print the JSON schema of mission or campaign files. Editors with TOML support (Even Better TOML, taplo, tombi)
     complete and check a file whose first line names it: #:schema mission.schema.json

@@ -1,16 +1,16 @@
 """The mission and campaign files that come with circnav: they go by name, as in `circnav fly quickstart`."""
 
 from difflib import get_close_matches
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import click
 from click.shell_completion import CompletionItem
 
-import circnav_mav
 from circnav_mav.cli.exits import Refused
 
-CONFIG = Path(circnav_mav.__file__).parent / "config"
+CONFIG = Path(str(files("circnav_mav.config")))
 FOLDERS = {"mission": CONFIG, "campaign": CONFIG / "campaigns"}
 
 

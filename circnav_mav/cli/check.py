@@ -5,10 +5,10 @@ from math import cos, hypot, radians, sin
 from pathlib import Path
 
 import click
+from circnav_sim.config import ConfigError, VehicleConfig, parse_vehicle
+from circnav_sim.starting import CRUISE_MPS
 
 from circnav_mav.cli.exits import Exit, Refused
-from circnav_mav.emulator.config import ConfigError, VehicleConfig, parse_vehicle
-from circnav_mav.emulator.starting import CRUISE_MPS
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
 from circnav_mav.mav.check_result import Check, Grade
 from circnav_mav.mission.checks import check_mission, drift_allowed

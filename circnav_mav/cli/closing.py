@@ -15,13 +15,12 @@ from typing import Any
 import circnav_mav
 from circnav_mav import __version__
 from circnav_mav.cli.exits import Exit
-from circnav_mav.locate.export import geojson, kml
-from circnav_mav.locate.locator import Locator
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Ending, Pilot
 from circnav_mav.runlog.atomic_write import write_json, write_text
 from circnav_mav.runlog.summary import FlightFacts, summarise
 from circnav_mav.runlog.ticks import NO_TICKS, Ticks, Truth, read_ticks, read_truth
+from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.recorder import Recorder
 
 OUTCOMES = {Ending.COMPLETED: "completed", Ending.INTERRUPTED: "interrupted"}
@@ -60,16 +59,17 @@ def close_flight(
     epoch_us: int,
     code: Exit,
     alarms: list[tuple[float, str]],
-    locator: Locator | None = None,
+    onlookers: Onlookers,
 ) -> tuple[dict[str, Any], Exit]:
     """The summary, written as summary.json, and the rest of manifest.json, if the disk takes them; and the exit code: a
     flight that went well is not done if it was not recorded, for whoever flew it for its record."""
     folder = recorder.folder
     gaps = recorder.problem is not None  # from here on it may also be that what was recorded is not understood
     summary = _summary(pilot, recorder, mission, epoch_us)
+    summary["notes"] = []
     summary["alarms"] = [{"time_s": round(time, 1), "text": text} for time, text in alarms]
-    if locator is not None:
-        gaps |= not _located(summary, folder, locator)
+    for name, text in onlookers.finish(summary).items():
+        gaps |= not _written(summary, name, partial(write_text, folder / name, text))
     gaps |= not _written(summary, f"{folder}:", lambda: write_json(folder / "summary.json", summary))
     code = Exit.NOT_RECORDED if gaps and code is Exit.DONE else code
     end = {"outcome": summary["outcome"], "reason": summary["reason"], "exit": int(code)}
@@ -86,30 +86,6 @@ def _written(summary: dict[str, Any], name: str, write: Callable[[], None]) -> b
         summary["recording_problem"] = summary["recording_problem"] or problem
         return False
     return True
-
-
-def _located(summary: dict[str, Any], folder: Path, locator: Locator) -> bool:
-    """What the survey found, into the summary; target.geojson and target.kml where there is a place, handback.csv where
-    positions were sent. Tells whether the disk took them."""
-    place, handback, files = locator.place, locator.handback, {}
-    if place is not None:
-        files["target.geojson"] = geojson({"target": place}, locator.track)
-        files["target.kml"] = kml({"target": place})
-    if handback is not None and handback.given:
-        rows = [
-            f"{one.time:.2f},{one.latitude:.7f},{one.longitude:.7f},{one.sigma:.1f},{one.by},{one.answer},"
-            + ("" if one.off is None else f"{one.off:.1f}")
-            for one in handback.given
-        ]
-        head = "time,latitude_deg,longitude_deg,sigma_m,by,answer,reported_off_m"
-        files["handback.csv"] = "\n".join([head, *rows]) + "\n"
-    summary |= {
-        "place": None if place is None else place.plain(),
-        "gps_watch": [{"time_s": round(time, 1), "text": text} for time, text in locator.watch.told],
-        "handback": None if handback is None else handback.plain(),
-    }
-    taken = [_written(summary, name, partial(write_text, folder / name, text)) for name, text in files.items()]
-    return all(taken)
 
 
 def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, epoch_us: int) -> dict[str, Any]:

@@ -2,10 +2,11 @@
 
 from typing import Any
 
+from circnav_sim.__main__ import emulate
+from circnav_sim.config import ConfigError
+from circnav_sim.wires import EndpointError
+
 from circnav_mav.cli.exits import Exit, refusing
-from circnav_mav.emulator.__main__ import emulate
-from circnav_mav.emulator.config import ConfigError
-from circnav_mav.emulator.wires import EndpointError
 
 
 def run_emulator(endpoint: str, **options: Any) -> int:

@@ -1,26 +1,23 @@
 """`circnav fly`: mission file in, circle out."""
 
 import gc
-import importlib
 import sys
-import threading
 import traceback
 from collections.abc import Callable
 from contextlib import ExitStack, closing, suppress
 from functools import partial
 from itertools import chain, count
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.console import Console
 
 from circnav_mav.cli.check import read_mission, refuse_failing
 from circnav_mav.cli.closing import Drawing, close_flight, write_manifest
-from circnav_mav.cli.connect import link_troubles, open_links, open_locating, open_page, open_signing, start_clock
+from circnav_mav.cli.connect import link_troubles, open_links, open_onlookers, open_signing, start_clock
 from circnav_mav.cli.exits import Exit, Refused, outlive_terminal, refusing
 from circnav_mav.cli.verdict import verdict
-from circnav_mav.guidance.estimators.range_rate import load_filterpy
-from circnav_mav.guidance.laws import LAWS
 from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import VEHICLE, Ending, OutputMode, Pilot
@@ -29,7 +26,7 @@ from circnav_mav.runtime.display import display_for
 from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.lockstep import Lockstep
 from circnav_mav.runtime.recorder import Recorder, RecorderError, TakenError
-from circnav_mav.runtime.runner import Onlookers, Show, StopRequest, run
+from circnav_mav.runtime.runner import StopRequest, run
 from circnav_mav.runtime.status import AlarmLog
 
 EXITS = {
@@ -52,9 +49,10 @@ value is ten times as long, more than a setpoint takes."""
 
 def fly_mission(
     path: str, *, endpoint: str | None, overrides: tuple[str, ...], speed: float | None, duration: float | None,
-    out: str | None, dry_run: bool, shadow: bool, web: str | None,
+    out: str | None, dry_run: bool, shadow: bool, **options: Any,
 ) -> int:  # fmt: skip
-    """Fly, and return the exit code: the command line of `fly`. Raises Refused before anything has flown."""
+    """Fly, and return the exit code: the command line of `fly`. options: of extensions. Raises Refused before anything
+    has flown."""
     outlive_terminal()
     stop = StopRequest()  # from here on a signal ends the flight, not the process
     output_mode = OutputMode.SHADOW if shadow else OutputMode.DRY_RUN if dry_run else OutputMode.FLY
@@ -66,25 +64,17 @@ def fly_mission(
         raise Refused(f"--speed: only the bundled vehicle flies at another speed, not {mission.file.link.endpoint}")
     refuse_failing(path, mission, shown=[Grade.WARN])
     _run_folder(out, mission)  # refused before anything is opened
-    plans_laps = LAWS[mission.file.guidance.law].flies_relative_motion
-    loading = threading.Thread(target=_load_filter, args=(plans_laps,), name="load filterpy", daemon=True)
-    loading.start()
-    with ExitStack() as page_open:
+    with ExitStack() as watched_open:
         with ExitStack() as open_things:
             signing, signing_time = open_signing(mission, open_things)
             links = open_links(mission, open_things)
             pilot = Pilot(mission.pilot_settings(output_mode), signing)
-            locating = open_locating(mission, pilot, signing, open_things)
-            locator = None if locating is None else locating.locator
-            page = open_page(web, pilot, mission, page_open, locator)
+            onlookers = open_onlookers(mission, pilot, signing, options, watched_open)
             recorder = open_things.enter_context(closing(_recorder(out, mission)))
             folder = recorder.folder
-            if mission.flies_sim:
-                loading.join()  # its time goes so fast that the patience of the mission would run out
-            clock = start_clock(mission, pilot.session, links, page=page is not None)
+            clock = start_clock(mission, pilot.session, links, onlookers.pace)
             recorder.start(clock.epoch_us, at_once=isinstance(clock, Lockstep))
-            if locating is not None:
-                locating.epoch_us = clock.epoch_us
+            onlookers.start(clock.epoch_us)
             try:
                 write_manifest(folder, mission, pilot, clock.epoch_us)
             except OSError as error:
@@ -92,51 +82,28 @@ def fly_mission(
             # It loads what draws, a second of computing, while the bundled vehicle flies. Beside a real flight it never
             # runs: a companion computer has a setpoint to send, and no memory to give away.
             drawing = Drawing(folder) if isinstance(clock, Lockstep) else None
-            display = display_for(Console(), pilot, mission.file.name, min(clock.speed, MOST_WATCHED), locator)
+            alarms = AlarmLog(pilot, onlookers)
+            display = display_for(Console(), pilot, onlookers, mission.file.name, min(clock.speed, MOST_WATCHED))
             open_things.callback(display.close)
-            alarms = AlarmLog(pilot, locator)
-            shows: dict[str, Show] = {
-                "display": lambda new, step: display.show(new, step.time, recorder.problem),
-                "alarms": lambda new, step: alarms.show(new, step.time, recorder.problem),
-            }
-            if page is not None:
-                shows["live page"] = lambda new, step: page.show(new, step, recorder.problem)
-            onlookers = Onlookers(shows)
-            loop = partial(
-                run, pilot, links, clock, recorder, onlookers.show, stop, signing_time,
-                ready=lambda: not loading.is_alive(), locating=locating,
-            )  # fmt: skip
+            onlookers.attached += [alarms, display]
+            loop = partial(run, pilot, links, clock, recorder, onlookers, stop, signing_time)
             crash = _crash_of(loop, pilot, links, clock, folder)
         assert pilot.mission.outcome is not None
         code = Exit.INTERNAL if crash is not None else EXITS[pilot.mission.outcome.ending]
-        summary, code = close_flight(pilot, recorder, mission, clock.epoch_us, code, alarms.begun, locator)
+        summary, code = close_flight(pilot, recorder, mission, clock.epoch_us, code, alarms.begun, onlookers)
         words = verdict(summary, folder)
-        if page is not None:
-            page.finish(words)
+        onlookers.show_verdict(words)
     click.echo(words)
     problems = [
         *link_troubles(links, mission),
-        *onlookers.problems,
-        display.problem,
+        *onlookers.all_problems(),
         signing_time.problem if signing_time else None,
-        locator.problem if locator else None,
     ]
     for problem in filter(None, (*problems, *(drawing or Drawing(folder)).draw())):
         click.echo(f"  WARNING    {problem}")
     if crash is not None:
         raise Refused(f"internal error, see {crash}", Exit.INTERNAL)
     return code
-
-
-def _load_filter(plans_laps: bool) -> None:
-    """Load what filters the ranges and plans laps, half a second of computing, while the vehicle is started and waited
-    for."""
-    gc.disable()
-    load_filterpy()
-    if plans_laps:
-        importlib.import_module("scipy.optimize")
-    gc.freeze()
-    gc.enable()
 
 
 def _run_folder(out: str | None, mission: Mission) -> Path:

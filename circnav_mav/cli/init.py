@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import click
+from circnav_sim.config import VehicleConfig
 
 from circnav_mav.cli.bundled import bundled, names
 from circnav_mav.cli.exits import Exit, Refused, refusing
-from circnav_mav.emulator.config import VehicleConfig
-from circnav_mav.experiments.campaign.plan import CampaignFile
-from circnav_mav.mission.schema import MissionFile
+from circnav_mav.extension import extensions, load
+from circnav_mav.mission.load import whole_schema
 
 SCHEMA = "mission.schema.json"
 DRAFT = "http://json-schema.org/draft-07/schema#"
@@ -56,12 +56,13 @@ def print_schema(kind: str) -> int:
 
 
 def schema_text(kind: str) -> str:
-    """The JSON schema of mission or campaign files."""
-    table: dict[str, Any] = CampaignFile.model_json_schema()
+    """Return the JSON schema of mission files, or of a kind of file that an extension adds."""
     if kind == "mission":
-        table = MissionFile.model_json_schema()
+        table: dict[str, Any] = whole_schema().model_json_schema()
         table["properties"]["sim"] = sim = VehicleConfig.model_json_schema()
         table["$defs"] |= sim.pop("$defs")
+    else:
+        table = load(next(one.schemas[kind] for one in extensions() if kind in one.schemas)).model_json_schema()
     return json.dumps({"$schema": DRAFT, **_plain(table)}, indent=1, ensure_ascii=False) + "\n"
 
 

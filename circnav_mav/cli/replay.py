@@ -7,10 +7,10 @@ from functools import partial
 from pathlib import Path
 
 import click
+from circnav_sim.config import ConfigError
 
 from circnav_mav.cli.check import refuse_failing
 from circnav_mav.cli.exits import Exit, Refused, refusing
-from circnav_mav.emulator.config import ConfigError
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.ranging.interface import describe_rejected
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES

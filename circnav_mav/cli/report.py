@@ -12,10 +12,11 @@ import tomlkit
 from circnav_mav import __version__
 from circnav_mav.cli.exits import Exit, Refused, refusing
 from circnav_mav.cli.verdict import verdict
+from circnav_mav.extension import extensions, load
 from circnav_mav.mission.load import MissionError, parse_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.report.page import write_report
-from circnav_mav.report.plots import plot_flight, plot_map
+from circnav_mav.report.plots import plot_flight
 from circnav_mav.runlog.run_folder import Run, RunError, open_run
 from circnav_mav.runlog.summary import FlightFacts, summarise
 
@@ -62,15 +63,23 @@ def _picture(run: Run, mission: Mission) -> None:
 
 
 def _page(run: Run, mission: Mission) -> None:
-    """report.html; and target.png, which it holds, where a place was surveyed."""
-    table = run.folder / "target.geojson"
-    if table.is_file():
-        plot_map(run.folder / "target.png", table.read_text(encoding="utf-8"), f"{run.name}: the target")
+    """Write report.html, with the sections that extensions add."""
     summary = _figures(run, mission) | run.summary
     if run.damage_text is not None:
         summary["recording_problem"] = "; ".join(filter(None, (summary["recording_problem"], run.damage_text)))
     circles, gate = mission.orbit.words(*mission.radii[1:]), mission.file.guidance.gate_sigma
-    write_report(run, mission.orbit, circles, gate, verdict(summary, run.folder), _settings(mission))
+    write_report(run, mission.orbit, circles, gate, verdict(summary, run.folder), _settings(mission), _added(run))
+
+
+def _added(run: Run) -> str:
+    """Return the sections of extensions as HTML; one that fails is left out, and a line says so."""
+    sections = []
+    for reference in (one.report_section for one in extensions() if one.report_section):
+        try:
+            sections.append(load(reference)(run))
+        except Exception as error:
+            click.echo(f"{run.folder / 'report.html'}: {reference}: left out: {error}")
+    return "".join(sections)
 
 
 def _settings(mission: Mission) -> dict[str, str]:

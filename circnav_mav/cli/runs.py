@@ -9,6 +9,7 @@ from typing import NamedTuple
 import click
 
 from circnav_mav.cli.exits import Exit, Refused, refusing
+from circnav_mav.extension import extensions
 from circnav_mav.runtime.clock import unix_time
 from circnav_mav.runtime.lock import is_held
 
@@ -16,9 +17,8 @@ HOURS = {"h": 1, "d": 24, "w": 168}
 NEEDED = frozenset({"flight.tlog", "mission.toml", "ticks.csv", "turns.csv"})
 """What each run folder holds, from its first moment on."""
 MADE = NEEDED | {"manifest.json", "summary.json", "error.txt", "flight.png", "estimates.png", "report.html",
-                 "replay.png", "flight.mcap", "handback.csv", "target.geojson", "target.kml", "target.png",
-                 "locate.geojson", "locate.kml", "locate.png"}  # fmt: skip
-"""All that circnav writes there."""
+                 "replay.png"}  # fmt: skip
+"""All that the core writes there."""
 
 
 class RunFolder(NamedTuple):
@@ -53,14 +53,14 @@ def clean_runs(folder: str, older_than: str, keep: int, yes: bool) -> int:
 
 def find_runs(folder: Path) -> list[RunFolder]:
     """The run folders that lie directly in a folder, links left out. Raises OSError."""
-    found = []
+    found, made = [], MADE.union(*(extension.files for extension in extensions()))
     for place in folder.iterdir():
         if place.is_symlink() or not place.is_dir():
             continue
         files = {path.name: path for path in place.iterdir()}
         if set(files) >= NEEDED:
             size = sum(path.lstat().st_size for path in files.values())
-            foreign = ", ".join(sorted(set(files) - MADE))
+            foreign = ", ".join(sorted(set(files) - made))
             flies = "its flight is being recorded" if is_held(files["flight.tlog"]) else ""
             kept = flies or (foreign and f"{foreign} is not circnav's")
             found.append(RunFolder(place, files["flight.tlog"].stat().st_mtime, size, kept))

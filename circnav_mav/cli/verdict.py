@@ -10,7 +10,7 @@ NOTABLE = 1.0
 
 
 def verdict(summary: dict[str, Any], folder: Path) -> str:
-    """What a person wants to know, in a few lines. summary: as `summarise` makes it, and what the survey adds."""
+    """What a person wants to know, in a few lines. summary: as `summarise` makes it, and what onlookers add."""
     lines = [f"{summary['outcome'].upper()}: {summary['reason']}"]
     if summary["voice"] != "fly":
         voice = f"{summary['voice'].upper():<9}"
@@ -22,7 +22,7 @@ def verdict(summary: dict[str, Any], folder: Path) -> str:
         why = ", ".join(f"{count} {reason}" for reason, count in sorted(refused.items()))
         lines.append(f"  frames     rejected by their signature: {why}")
     lines.append(f"  setpoints  {summary['setpoints_sent']} sent")
-    lines += _survey(summary)
+    lines += summary.get("notes", ())
     if summary["clock_speed"] is not None:
         cure = 'for a simulator set link.clock = "autopilot"'
         lines.append(f"  WARNING    autopilot time ran {summary['clock_speed']:.2g} times as fast as ours: {cure}")
@@ -30,23 +30,6 @@ def verdict(summary: dict[str, Any], folder: Path) -> str:
         lines.append(f"  WARNING    {summary['recording_problem']}")
     lines.append(f"  run folder {folder}")
     return "\n".join(lines)
-
-
-def _survey(summary: dict[str, Any]) -> list[str]:
-    """Where the target is, and what the GPS watch and the hand-back have said."""
-    lines, place, back = [], summary.get("place"), summary.get("handback")
-    if place:
-        height, moves = place["altitude_m"], ""
-        if place["moves"]:
-            moves = f", moves {place['speed_mps']:.1f} m/s towards {place['course_deg']:03.0f} deg"
-        tall = "height not observable" if height is None else f"altitude {height:.1f} m"
-        where = f"{place['latitude_deg']:.7f} {place['longitude_deg']:.7f} +-{place['sigma_m']:.1f} m"
-        lines.append(f"  target     {where}{moves}, {tall}")
-    for alarm in summary.get("gps_watch") or ():
-        lines.append(f"  WARNING    GPS watch, {alarm['time_s']:.0f} s: {alarm['text']}")
-    if back and back["sent"]:
-        lines.append(f"  hand-back  {back['sent']} positions sent, {back['accepted']} accepted; {back['ended']}")
-    return lines
 
 
 def _refused(rejected: dict[str, int]) -> str:

@@ -14,6 +14,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import nnls
 
 from circnav_mav.guidance.maths import Array, Batch, Pair, arctan2, hypot, minimum, some, wrap
 
@@ -76,7 +77,6 @@ def plan(d: Pair, *, V: Array, r_d: Array, limit: Array) -> Lap | None:
 @lru_cache(maxsize=512)
 def _table(drift_cell: float, limit_cell: float) -> Batch:
     """e/r_d and its slope over a lap, in the middle of a cell of the grid."""
-    from scipy.optimize import nnls  # a flight that may plan laps has loaded it; a mission's check does not need it
 
     drift, limit = (drift_cell + 0.5) * DRIFT_STEP, (limit_cell + 0.5) * LIMIT_STEP
     angle = _SPACING * np.arange(ANGLES) - np.pi

@@ -4,14 +4,15 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from math import degrees, pi
 
+from circnav_mav.extension import extensions, load
 from circnav_mav.guidance.laws import LAWS, settling_time, tolerated_drift
 from circnav_mav.guidance.watches import LAPS, MOST_TRIM
 from circnav_mav.mav.autopilots.table import REFUSED, allowed
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check, graded
+from circnav_mav.mav.ranging.driver import split_driver
 from circnav_mav.mission.checks_ranging import check_ranging
 from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.schema import SELDOM, Table
-from circnav_mav.radios.table import split_driver
 
 WEAK = 0.1
 """Share of the default gain below which a law hardly turns."""
@@ -27,8 +28,15 @@ DRIFT_LAWS = frozenset({"auto", "drift"})
 
 def check_mission(mission: Mission) -> list[Check]:
     """All the lines for a mission."""
-    parts = (_keys, _vehicle, _estimator, _gain, _trim, _radius, _turn_rate, check_ranging, _drift, _locate, _signing)
-    return [*(line for part in parts for line in _of_circles(mission, part)), *_laps(mission)]
+    parts = (_keys, _vehicle, _estimator, _gain, _trim, _radius, _turn_rate, check_ranging, _drift, _signing)
+    return [*(line for part in parts for line in _of_circles(mission, part)), *_laps(mission), *_of_extensions(mission)]
+
+
+def _of_extensions(mission: Mission) -> Iterator[Check]:
+    """The lines of the tables of extras."""
+    for extension in extensions():
+        for check in extension.checks:
+            yield from load(check)(mission)
 
 
 def _of_circles(mission: Mission, part: Callable[[Mission], Iterable[Check]]) -> Iterator[Check]:
@@ -59,13 +67,6 @@ def _needless(table: Table, before: str = "") -> Iterator[str]:
             yield from _needless(value, f"{before}{name}.")
         elif SELDOM in field.metadata and value == field.default:
             yield before + name
-
-
-def _locate(mission: Mission) -> Iterator[Check]:
-    """What is said of the target needs somebody who looks for it."""
-    told = [f"locate.{name}" for name in ("camera", "beacon", "cot") if getattr(mission.file.locate, name)]
-    if told and mission.locate_settings is None:
-        yield Check(WARN, "locate", f"{', '.join(told)}: nobody looks for the target, set locate.enabled = true")
 
 
 def _vehicle(mission: Mission) -> Iterator[Check]:

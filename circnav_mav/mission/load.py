@@ -5,17 +5,19 @@ import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
+from functools import cache
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ValidationError, create_model
 from pydantic_core import ErrorDetails
 
+from circnav_mav.extension import table_models
 from circnav_mav.mav.autopilots.table import allowed, table_key
+from circnav_mav.mav.ranging.driver import split_driver
 from circnav_mav.mission.mission import SIM, Mission
 from circnav_mav.mission.schema import MissionFile
-from circnav_mav.radios.table import split_driver
 
 MOST_PROBLEMS, MOST_SHOWN = 8, 60
 """Problems of a file named in one line, and characters of a line that is wrong: more are not read."""
@@ -122,14 +124,21 @@ def mission_of(table: Mapping[str, Any], where: str, text: str = "") -> Mission:
     if "mission" in table and "vary" in table:
         raise MissionError(f"{where}: is a campaign file, fly it with: circnav campaign {where}")
     try:
-        file = MissionFile.model_validate(table)
+        file = whole_schema().model_validate(table)
     except ValidationError as error:
-        raise MissionError(f"{where}: {in_words(error)}") from None
+        raise MissionError(f"{where}: {in_words(error, whole_schema())}") from None
     if clashes := list(_clashes(file)):
         raise MissionError(f"{where}: {'; '.join(clashes)}")
     mission = Mission(file, text)
     _check_numbers(mission, where)
     return mission
+
+
+@cache
+def whole_schema() -> type[MissionFile]:
+    """Return the schema of a mission file with the tables of the extras that are installed."""
+    tables: dict[str, Any] = {name: (model, model()) for name, model in table_models().items()}
+    return create_model("MissionFile", __base__=MissionFile, __doc__=MissionFile.__doc__, **tables)
 
 
 def _clashes(file: MissionFile) -> Iterator[str]:
@@ -154,10 +163,6 @@ def _clashes(file: MissionFile) -> Iterator[str]:
         yield f"vehicle.max_bank_deg: missing, a {vehicle.kind} turns by banking: add its limit"
     elif vehicle.max_bank_deg is None and vehicle.max_turn_rate_deg_s is None:
         yield "vehicle.max_turn_rate_deg_s: missing, add it"
-    if (file.handback.latitude_deg is None) != (file.handback.longitude_deg is None):
-        yield "handback.latitude_deg and handback.longitude_deg: one is missing, give both or neither"
-    if file.locate.camera and vehicle.kind == "copter":
-        yield "locate.camera: is true, a copter turns its nose to what it looks at, not its camera alone: leave it out"
     ways = ("height_above_target_m", "target_altitude_m", "target_above_home_m")
     given = [f"orbit.{way}" for way in ways if getattr(orbit, way) is not None]
     if len(given) > 1:
@@ -218,8 +223,9 @@ def _make_absolute(table: Any, folder: Path, where: str) -> None:
 # --- what is wrong with a file, in words ---
 
 
-def in_words(error: ValidationError, schema: type[BaseModel] = MissionFile) -> str:
-    """The problems of a file of this schema in words; unknown keys first, for a misspelt key is also a missing one."""
+def in_words(error: ValidationError, schema: type[BaseModel]) -> str:
+    """Describe the problems of a file of this schema; unknown keys first, for a misspelled key is also a missing
+    one."""
     problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
     missing = [".".join(map(str, problem["loc"])) for problem in problems if problem["type"] == "missing"]
     told = [_one_in_words(problem, schema) for problem in problems if problem["type"] != "missing"]

@@ -10,30 +10,27 @@ from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.tuning import default_gain
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.guidance.watches import Bounds
-from circnav_mav.locate.handback import HandBackSettings
-from circnav_mav.locate.locator import LocateSettings
 from circnav_mav.mav.autopilots.interface import AirLoops, Autopilot, VehicleFacts
 from circnav_mav.mav.autopilots.table import allowed, table_key
 from circnav_mav.mav.frames import GRAVITY
 from circnav_mav.mav.identity import LinkSettings
+from circnav_mav.mav.ranging.driver import split_driver
 from circnav_mav.mav.ranging.interface import RangingSettings
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mission.schema import MissionFile
 from circnav_mav.pilot import LINKS, RANGING, VEHICLE, OutputMode, PilotSettings, Timing
 from circnav_mav.pilot.settings import HeightSettings
-from circnav_mav.radios.table import split_driver
 
 MOST_NOISE = 0.5
 """Standard deviation of a range, of the radius, above which it tells nothing about the circle."""
-LAST_COMPANION = 194
-"""MAV_COMP_ID_ONBOARD_COMPUTER4."""
 SIM = "sim"
 """The endpoint that stands for the bundled vehicle."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """A validated mission. `file` is as the person wrote it, with units in names; `text` is the file as flown."""
+    """A validated mission. file: as the person wrote it, with units in names, and with the tables of extras, which
+    the core does not read. text: the file as flown."""
 
     file: MissionFile
     text: str
@@ -109,25 +106,6 @@ class Mission:
         return HeightSettings(orbit.height_above_target_m, orbit.target_altitude_m, orbit.target_above_home_m)
 
     @property
-    def locate_settings(self) -> LocateSettings | None:
-        """The survey of the target; None: none. It speaks as the companion after ours."""
-        locate, back = self.file.locate, self.file.handback
-        if not (locate.enabled or back.enabled):
-            return None
-        place = None
-        if back.latitude_deg is not None and back.longitude_deg is not None:
-            place = back.latitude_deg, back.longitude_deg
-        ours = self.file.link.component_id
-        return LocateSettings(
-            component=LAST_COMPANION if ours != LAST_COMPANION else LAST_COMPANION - 1,
-            gps_sigma=locate.gps_sigma_m,
-            range_bias_sigma=locate.range_bias_m,
-            beacon=locate.beacon,
-            camera=locate.camera,
-            handback=HandBackSettings(back.every_s, place) if back.enabled else None,
-        )
-
-    @property
     def max_range(self) -> float:
         """Farthest range that counts, m: the file's limit within what the message can carry."""
         carried = RANGING_MESSAGES[self.file.ranging.message].farthest
@@ -142,6 +120,17 @@ class Mission:
     def flies_sim(self) -> bool:
         """Whether the bundled vehicle is flown."""
         return self.file.link.endpoint == SIM
+
+    def run_speed(self, pace: float | None = None) -> float:
+        """Return the speed of the run, times real time; infinite: as fast as the computer allows. pace: the speed that
+        an onlooker asks for. A ranging radio of its own beside the bundled vehicle is in real time."""
+        if not self.flies_sim:
+            return 1.0
+        if self.file.link.sim_speed is not None:
+            return self.file.link.sim_speed
+        if self.file.ranging.endpoint not in (None, SIM):
+            return 1.0
+        return inf if pace is None else pace
 
     @property
     def vehicle_key(self) -> tuple[str, str]:

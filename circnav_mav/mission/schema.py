@@ -6,7 +6,7 @@ Bounds keep out what cannot be meant (a tick of 1 kHz, a bank of 80 deg); what i
 from ipaddress import ip_network
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter
 from pydantic_core import PydanticCustomError
 
 from circnav_mav.guidance.estimators.table import ESTIMATORS
@@ -37,14 +37,6 @@ def _addresses(given: Any) -> list[str]:
         advice = 'must be an address or network, such as "10.0.0.5" or "10.0.0.0/24", or a list of them'
         raise PydanticCustomError("address", advice) from None
     return names
-
-
-def _host_and_port(given: str) -> str:
-    """Where datagrams go: host:port."""
-    host, _, port = given.rpartition(":")
-    if not host or ":" in host or not host.isprintable() or not port.isdecimal() or not 0 < int(port) <= MOST_PORT:
-        raise PydanticCustomError("host", f'must be host:port, port 1 .. {MOST_PORT}, such as "239.2.3.1:6969"')
-    return given
 
 
 Addresses = Annotated[list[str], BeforeValidator(_addresses)]
@@ -198,26 +190,6 @@ class BoundsTable(Table):
     min_battery_percent: Annotated[float, Field(ge=0, le=100)] | None = None
 
 
-class LocateTable(Table):
-    """[locate]: where the target is on the map. Nothing of it steers."""
-
-    enabled: bool = False
-    gps_sigma_m: Annotated[float, Field(ge=0.01, le=1000)] = 1.5
-    range_bias_m: Annotated[float, Field(ge=0.01, le=1000)] = 2.0
-    cot: Annotated[str, AfterValidator(_host_and_port)] | None = None
-    camera: bool = False
-    beacon: bool = False
-
-
-class HandBackTable(Table):
-    """[handback]: telling an autopilot that has lost its position where it is."""
-
-    enabled: bool = False
-    every_s: Annotated[float, Field(ge=1, le=60)] = 1.0
-    latitude_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
-    longitude_deg: Annotated[float, Field(ge=-180, le=180)] | None = None
-
-
 class LogTable(Table):
     """[log]"""
 
@@ -225,7 +197,7 @@ class LogTable(Table):
 
 
 class MissionFile(Table):
-    """The whole file. `sim` belongs to the bundled vehicle, which checks it itself."""
+    """The whole file, without the tables of extras. `sim` belongs to the bundled vehicle, which checks it itself."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")]
     vehicle: VehicleTable
@@ -238,7 +210,5 @@ class MissionFile(Table):
     bounds: BoundsTable = BoundsTable()
     limits: LimitsTable
     log: LogTable = LogTable()
-    locate: LocateTable = LocateTable()
-    handback: HandBackTable = HandBackTable()
     signing: SigningTable | None = None
     sim: dict[str, Any] | None = None

@@ -10,14 +10,14 @@ HELD_BACK = "held"
 @dataclass(slots=True)
 class LoopStep:
     """One step of the loop. heard: (link, source, whole frames) of each datagram. said: frames to the vehicle. hello:
-    frames to the ranging link. survey: frames of the survey, which no pilot sends. interrupt: why the flight was ended
+    frames to the ranging link. attached: frames that onlookers sent to the vehicle. interrupt: why the flight was ended
     from outside in this step. held_back: whether what there was to say was not sent."""
 
     time: float
     heard: list[tuple[str, Hashable, list[bytes]]] = field(default_factory=list)
     said: list[bytes] = field(default_factory=list)
     hello: list[bytes] = field(default_factory=list)
-    survey: list[bytes] = field(default_factory=list)
+    attached: list[bytes] = field(default_factory=list)
     interrupt: str = ""
     held_back: bool = False
 

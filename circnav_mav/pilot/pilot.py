@@ -414,8 +414,7 @@ class Pilot:
         return sum((counts.refused for counts in self.connection.counts.values()), Counter())
 
     def take_records(self) -> list[TickRecord]:
-        """The ticks since the last call; and the estimator prepares for what comes next."""
-        self.tracker.estimator.settle()
+        """Return the ticks since the last call."""
         records, self._records = self._records, []
         return records
 

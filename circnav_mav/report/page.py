@@ -10,10 +10,10 @@ from circnav_mav.guidance.types import Orbit
 from circnav_mav.pilot import OutputMode, phase_name
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.report.chart_data import alarms, as_script, chart_data, known_track
+from circnav_mav.report.charts import with_charts
 from circnav_mav.runlog.atomic_write import write_text
 from circnav_mav.runlog.events import Event, events
 from circnav_mav.runlog.run_folder import Run
-from circnav_mav.runtime import web
 
 MOST_EVENTS = 60
 LABEL = 13
@@ -23,11 +23,13 @@ OUTCOMES = {"COMPLETED": "good", "INTERRUPTED": "warn"}
 PAGE = Path(__file__).with_name("report.template.html")
 
 
-def write_report(run: Run, orbit: Orbit, circles: str, gate: float, verdict: str, settings: dict[str, str]) -> Path:
+def write_report(
+    run: Run, orbit: Orbit, circles: str, gate: float, verdict: str, settings: dict[str, str], added: str = ""
+) -> Path:
     """Write report.html of a run with two ticks at least into its folder, all or nothing. Raises RunError, OSError.
 
     circles: in words. gate: of the innovations, standard deviations. verdict: its first line is the outcome. settings:
-    by their keys.
+    by their keys. added: HTML of extras.
     """
     mode, happened = next((mode for mode in OutputMode if mode.value == run.voice), OutputMode.FLY), events(run)
     names = {phase.value: phase_name(phase, mode) for phase in Phase}  # as they are called where nothing was sent, too
@@ -41,14 +43,14 @@ def write_report(run: Run, orbit: Orbit, circles: str, gate: float, verdict: str
         "COLOUR": OUTCOMES.get(outcome.partition(":")[0], "bad"),
         "VERDICT": "".join(map(_figure, figures.splitlines())),
         "TRACK": escape(_track_words(run), quote=False),
-        "PICTURE": _picture(run.folder / "flight.png", "the flight"),  # for a reader without script
+        "PICTURE": picture(run.folder / "flight.png", "the flight"),  # for a reader without script
         "DATA": as_script(data | {"alarms": alarms(happened)}),
-        "PLACE": _place(run),
+        "ADDED": added,
         "EVENTS": _events(happened, names),
-        "SETTINGS": _rows(settings),
-        "VERSIONS": _rows(_versions(run)),
+        "SETTINGS": rows(settings),
+        "VERSIONS": rows(_versions(run)),
     }
-    page = web.with_charts(PAGE)
+    page = with_charts(PAGE)
     page = re.sub(f"@({'|'.join(parts)})@", lambda place: parts[place[1]], page)  # at once: parts may look like places
     path = run.folder / "report.html"
     write_text(path, page)
@@ -83,21 +85,11 @@ def _track_words(run: Run) -> str:
     return f"{words} Cross: target. Dashed: desired circle."
 
 
-def _picture(path: Path, alt: str, style: str = "") -> str:
+def picture(path: Path, alt: str, style: str = "") -> str:
     """A picture as a part of the page, where there is one."""
     if not path.is_file():
         return ""
     return f'<img{style} alt="{alt}" src="data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}">'
-
-
-def _place(run: Run) -> str:
-    """The map with the surveyed place of the target, where there is one."""
-    place = run.summary.get("place")
-    image = _picture(run.folder / "target.png", "map of the target", ' style="max-width:100%"')
-    if not place or not image:
-        return ""
-    known = {name: str(value) for name, value in place.items() if value is not None and name != "ellipse_95"}
-    return f"<h2>Target on the map</h2>{image}<table>{_rows(known)}</table>"
 
 
 def _events(happened: list[Event], names: dict[str, str]) -> str:
@@ -125,5 +117,5 @@ def _versions(run: Run) -> dict[str, str]:
     return found | {"exit code": "none, the process was killed" if ended is None else str(ended)}
 
 
-def _rows(values: dict[str, str]) -> str:
+def rows(values: dict[str, str]) -> str:
     return "".join(f"<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>" for name, value in values.items())

@@ -1,7 +1,6 @@
-"""Pictures of a run: flight.png (track as far as it is known, range, error, turn rate), replay.png, and the map of what
-was located; and what all pictures of the product share."""
+"""Pictures of a run: flight.png (track as far as it is known, range, error, turn rate), replay.png;
+and what all pictures of the product share."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from circnav_mav.guidance.types import Orbit
-from circnav_mav.locate.place import Plane
 from circnav_mav.report.chart_data import Track, broken, fresh, known_track
 from circnav_mav.runlog.atomic_write import atomic_write
 from circnav_mav.runlog.metrics import TOLERANCE
@@ -140,45 +138,3 @@ def _turn_rate(axis: Any, ticks: Ticks, orbit: Orbit) -> None:
     limit = np.degrees(orbit.max_turn_rate)
     for sign in (-1, 1):
         axis.axhline(sign * limit, ls=":", color=LIMIT, lw=1, label="limit" if sign > 0 else None)
-
-
-TRACK, TARGET = "#0063a6", "#d55e00"
-
-
-def plot_map(path: Path, table: str, title: str) -> None:
-    """Draw the features of a GeoJSON of ours: once with the track, once as near as the ellipses are. Raises OSError."""
-    features = json.loads(table)["features"]
-    points = [feature for feature in features if feature["geometry"]["type"] == "Point"]
-    longitude, latitude = points[0]["geometry"]["coordinates"]
-    plane = Plane(latitude, longitude)
-    places = np.array([plane.to_metres(*point["geometry"]["coordinates"][::-1]) for point in points])
-    reaches = np.array([[point["properties"]["ellipse_95"]["semi_major_m"]] for point in points])
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(11, 5.5), layout="constrained")
-        figure.suptitle(literal(title))
-        wide, near = figure.subplots(1, 2)
-        for axis in (wide, near):
-            for feature in features:
-                _draw(axis, feature, plane)
-            axis.set_aspect("equal", adjustable="datalim")
-            axis.set(xlabel=f"east of {latitude:.6f} {longitude:.6f}, m", ylabel="north, m")
-        low, high = (places - reaches).min(axis=0), (places + reaches).max(axis=0)
-        middle, half = (low + high) / 2, max(2.0, 0.75 * float((high - low).max()))
-        near.set_aspect("equal", adjustable="box")
-        near.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half))
-        wide.legend(loc="upper right", fontsize=8)
-        save(figure, path)
-
-
-def _draw(axis: Any, feature: dict[str, Any], plane: Plane) -> None:
-    geometry, name = feature["geometry"], literal(str(feature["properties"]["name"]))
-    longitude, latitude = np.reshape(np.array(geometry["coordinates"], float), (-1, 2)).T
-    east, north = plane.to_metres(latitude, longitude)
-    match geometry["type"]:
-        case "Point":
-            axis.plot(east, north, "+", color=TARGET, ms=10, mew=2, label=name)
-        case "Polygon":
-            axis.fill(east, north, color=TARGET, alpha=0.15, lw=0)
-            axis.plot(east, north, color=TARGET, lw=0.8)
-        case _:
-            axis.plot(east, north, color=TRACK, lw=0.8, label=name)

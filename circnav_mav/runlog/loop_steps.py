@@ -55,14 +55,14 @@ def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
             raise ValueError("the log ends")
         return taken
 
-    time_us, datagrams, said, hello, interrupt, *survey = row
+    time_us, datagrams, said, hello, interrupt, *attached = row
     parts, held_back = (datagram.partition("*") for datagram in datagrams.split()), said == HELD_BACK
     return LoopStep(
         int(time_us) / 1e6,
         heard=[(LINKS[source[:1]], source, take(int(count))) for source, _, count in parts],
         said=take(0 if held_back else int(said or 0)),
         hello=take(int(hello or 0)),
-        survey=take(int(survey[0] or 0) if survey else 0),
+        attached=take(int(attached[0] or 0) if attached else 0),
         interrupt=interrupt,
         held_back=held_back,
     )

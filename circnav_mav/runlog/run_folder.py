@@ -4,12 +4,12 @@ import csv
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
-from pydantic import BaseModel, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from circnav_mav.runlog.ticks import Ticks, Truth, read_ticks, read_truth
 from circnav_mav.runlog.tlog import Damage, find_damage
@@ -22,33 +22,6 @@ Flag = Annotated[bool, Field(strict=True)]
 Number = Annotated[float, Field(strict=True, gt=-MOST, lt=MOST)]
 Count = Annotated[int, Field(strict=True, ge=0, lt=MOST)]
 Moment = Annotated[int, Field(strict=True, gt=0, lt=YEAR_2100_US)]
-
-
-class SurveyedPlace(BaseModel):
-    """Where the target was found to be. What moves has a course."""
-
-    latitude_deg: Number
-    longitude_deg: Number
-    altitude_m: Number | None
-    sigma_m: Number
-    time_s: Number
-    moves: Flag
-    speed_mps: Number
-    course_deg: Number | None
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.moves and self.course_deg is None:
-            raise ValueError("what moves has a course")
-        return self
-
-
-class PositionsSent(BaseModel):
-    """What the hand-back has sent."""
-
-    sent: Count
-    accepted: Count
-    ended: Text
 
 
 class Alarm(BaseModel):
@@ -71,9 +44,8 @@ SUMMARY = _table({
     Moment: "epoch_us",
     Number: "flown_s",
     Number | None: "engaged_s clock_speed",
-    SurveyedPlace | None: "place",
-    PositionsSent | None: "handback",
-    list[Alarm]: "gps_watch alarms",
+    list[Alarm]: "alarms",
+    list[Text]: "notes",
 })  # fmt: skip
 MANIFEST = _table({
     Text: "mission voice",
@@ -101,14 +73,15 @@ class RunError(Exception):
 
 @dataclass(frozen=True)
 class Run:
-    """A run folder. manifest, summary: what they say that can be believed; empty when the run did not live to write
-    them, or they are damaged."""
+    """A run folder. manifest, summary: the valid values of the files; empty if the run did not live to write them, or
+    they are damaged. unread: what extras have added to the summary; each extra validates its own."""
 
     folder: Path
     mission_text: str
     manifest: dict[str, Any]
     summary: dict[str, Any]
     epoch_us: int
+    unread: dict[str, Any] = field(default_factory=dict)
 
     @property
     def voice(self) -> str:
@@ -156,15 +129,17 @@ def open_run(folder: Path) -> Run:
         raise RunError(f"{folder}: no such run folder")
     if not folder.is_dir() or not (folder / "flight.tlog").is_file() or not (folder / "mission.toml").is_file():
         raise RunError(f"{folder}: is not a run folder: flight.tlog or mission.toml is missing")
-    manifest, summary = _known(_json(folder / "manifest.json"), MANIFEST), dict[str, Any]()
+    manifest, written = _known(_json(folder / "manifest.json"), MANIFEST), None
     with suppress(RunError):  # a full disk may have left half of it; its figures can be made anew
-        summary = _known(_json(folder / "summary.json"), SUMMARY)
+        written = _json(folder / "summary.json")
+    summary = _known(written, SUMMARY)
+    unread = {key: value for key, value in written.items() if key not in SUMMARY} if isinstance(written, dict) else {}
     epoch = manifest.get("epoch_us") or summary.get("epoch_us")
     if epoch is None:
         raise RunError(f"{folder}: neither manifest.json nor summary.json tells when the run began (epoch_us)")
     with _refusing(folder / "mission.toml"):
         text = (folder / "mission.toml").read_text(encoding="utf-8")
-    return Run(folder, text, manifest, summary, epoch)
+    return Run(folder, text, manifest, summary, epoch, unread)
 
 
 def printable(name: str) -> str:

@@ -3,14 +3,16 @@ draws: a terminal that is stopped (Ctrl-S) or gone, or a slow pipe, never delays
 
 import threading
 from collections import deque
+from collections.abc import Sequence
 from contextlib import suppress
 from math import degrees
 
 from rich.console import Console
 from rich.live import Live
 
-from circnav_mav.locate.locator import Locator
 from circnav_mav.pilot import Pilot, TickRecord
+from circnav_mav.pilot.loop_step import LoopStep
+from circnav_mav.runtime.onlookers import Onlooker, Onlookers
 from circnav_mav.runtime.picture import Picture
 from circnav_mav.runtime.status import Begun, Status, Watch, kind, shown
 
@@ -34,7 +36,8 @@ class PlainScreen:
         self._print(one_line(status))
         if status.flown is not None:
             self._print_new("BELIEVED", status.believed, status.believed)
-        self._print_new("PLACE", status.place, kind(status.place))
+        for label, words in status.added.items():
+            self._print_new(label.upper(), words, kind(words))
         waits, self._waits = self._waits, kind(status.waits)
         if self._waits == waits:
             self._print_new("WAITING", status.waits, waits)
@@ -75,15 +78,15 @@ class LiveScreen:
 Screen = PlainScreen | LiveScreen
 
 
-class Display:
-    """Hands the newest status to a screen when one is due; `show` never waits."""
+class Display(Onlooker):
+    """Hands the newest status to a screen when one is due; `on_step` never waits."""
 
-    def __init__(
-        self, screen: Screen, pilot: Pilot, period: float, *, last: bool, locator: Locator | None = None
-    ) -> None:
+    name = "display"
+
+    def __init__(self, screen: Screen, pilot: Pilot, onlookers: Onlookers, period: float, *, last: bool) -> None:
         """period: seconds of the run's clock between two drawings. last: draw the end of the flight though not due."""
         self._screen, self._pilot, self._period, self._last = screen, pilot, period, last
-        self._watch = Watch(pilot, locator)
+        self._watch = Watch(pilot, onlookers)
         self._due = 0.0
         self.problem: str | None = None
         """Why nothing more was drawn, unless it is that nobody looks."""
@@ -92,15 +95,17 @@ class Display:
         self._thread = threading.Thread(target=self._run, name="display", daemon=True)
         self._thread.start()
 
-    def show(self, newest: TickRecord | None, now: float, problem: str | None = None) -> None:
+    def on_step(self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None) -> Sequence[bytes]:
         """Leave a status to be drawn when one is due, in the place of one that is still waiting."""
+        now = step.time
         if newest is None or (now < self._due and not (self._last and self._pilot.done)):
-            return
+            return ()
         self._due += self._period  # whole periods, however late this status came
         if self._due <= now:
             self._due = now + self._period
-        self._waiting.append(self._watch.status(newest, now, problem))
+        self._waiting.append(self._watch.status(newest, now, recording_problem))
         self._wake.set()
+        return ()
 
     def close(self) -> None:
         """Draw what is waiting, and leave it standing."""
@@ -126,12 +131,12 @@ class Display:
             self._screen.close()
 
 
-def display_for(console: Console, pilot: Pilot, title: str, speed: float, locator: Locator | None = None) -> Display:
-    """The display for where the output goes. speed: run seconds per real second."""
+def display_for(console: Console, pilot: Pilot, onlookers: Onlookers, title: str, speed: float) -> Display:
+    """Return the display for where the output goes. speed: run seconds per real second."""
     if console.is_terminal and not console.is_dumb_terminal:
         screen: Screen = LiveScreen(console, Picture(pilot.settings, title, ascii_only=console.options.ascii_only))
-        return Display(screen, pilot, speed / PICTURES_A_SECOND, last=True, locator=locator)
-    return Display(PlainScreen(console), pilot, speed, last=False, locator=locator)
+        return Display(screen, pilot, onlookers, speed / PICTURES_A_SECOND, last=True)
+    return Display(PlainScreen(console), pilot, onlookers, speed, last=False)
 
 
 def one_line(status: Status) -> str:

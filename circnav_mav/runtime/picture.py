@@ -68,7 +68,7 @@ class Picture:
             *zip(("waiting", ""), self._folded([status.waits]), strict=False),
             *self._circle(status.tick, facts),
             ("target", status.target),
-            *(("place", line) for line in self._folded([status.place])[:1]),  # there is no room for more
+            *((label, line) for label, words in status.added.items() for line in self._folded([words])[:1]),
             *((name, facts[name]) for name in ("ranging", "rejected", "link", "setpoints")),
         ]
         text = Text(no_wrap=True, overflow="crop")

@@ -9,8 +9,7 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.codec import Encoder
 from circnav_mav.mav.identity import spelt
-from circnav_mav.radios.interface import Driver, RadioReading
-from circnav_mav.radios.table import DriverError, make_driver, split_driver
+from circnav_mav.mav.ranging.driver import Driver, DriverError, RadioReading, make_driver, split_driver
 from circnav_mav.runtime.endpoint import LinkError, parse_endpoint
 from circnav_mav.runtime.links import Link, note, open_link
 

@@ -147,13 +147,13 @@ class Recorder:
         return False
 
     def _write_step(self, item: LoopStep) -> None:
-        frames = item.frames_heard + item.said + item.hello + item.survey
+        frames = item.frames_heard + item.said + item.hello + item.attached
         stamp = struct.pack(">Q", self._epoch_us + round(item.time * 1e6))
         self._written += self._tlog.write(b"".join(stamp + without_signature(frame) for frame in frames))
         self._tlog.flush()
         heard = " ".join(f"{link[0]}{self._number(source)}*{len(datagram)}" for link, source, datagram in item.heard)
         said = HELD_BACK if item.held_back else len(item.said) or ""
-        row = (round(item.time * 1e6), heard, said, len(item.hello) or "", item.interrupt, len(item.survey) or "")
+        row = (round(item.time * 1e6), heard, said, len(item.hello) or "", item.interrupt, len(item.attached) or "")
         self._written += csv.writer(self._turns).writerow(row)
 
     def _number(self, source: Hashable) -> int:

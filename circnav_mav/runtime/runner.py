@@ -1,9 +1,9 @@
-"""The loop of a flight and of a survey: wait, receive, step, send. Everything it needs comes in as an argument."""
+"""The loop of a flight and of preflight: wait, receive, step, send. Everything it needs comes in as an argument."""
 
 import select
 import signal
 import socket
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from types import FrameType
 
@@ -14,15 +14,12 @@ from circnav_mav.pilot.survey import Survey
 from circnav_mav.runtime.clock import Clock
 from circnav_mav.runtime.keys import SigningTime
 from circnav_mav.runtime.links import Link
-from circnav_mav.runtime.locating import Locating
+from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.recorder import Recorder
 
 LONGEST_STEP = 0.5
 """Real time, s, after which what a step has to say is not said: we stood still in it, and the vehicle may be in other
 hands since. A stall between two steps the pilot notices itself."""
-
-Show = Callable[[TickRecord | None, LoopStep], None]
-"""Gets the newest tick and the step of the loop, and must not wait for anybody."""
 
 
 class StopRequest:
@@ -45,60 +42,34 @@ class StopRequest:
             self._writer.send(b"!")
 
 
-class Onlookers:
-    """Shows every step to each; one that fails is shown no more of them, and never ends the flight."""
-
-    def __init__(self, shows: Mapping[str, Show]) -> None:
-        """shows: by what people call them."""
-        self._shows = dict(shows)
-        self.problems: list[str] = []
-        """What failed, a line each."""
-
-    def show(self, newest: TickRecord | None, step: LoopStep) -> None:
-        """Show the newest tick and the step."""
-        for name, show in list(self._shows.items()):
-            try:
-                show(newest, step)
-            except Exception as error:
-                del self._shows[name]
-                self.problems.append(f"{name}: stopped at {step.time:.1f} s: {error!r}")
-
-
 def run(
     pilot: Pilot,
     links: Mapping[str, Link],
     clock: Clock,
     recorder: Recorder,
-    show: Show,
+    onlookers: Onlookers,
     stop: StopRequest,
     signing_time: SigningTime | None = None,
-    ready: Callable[[], bool] = lambda: True,
-    locating: Locating | None = None,
 ) -> None:
-    """Fly until the pilot is done. Every frame and tick goes to the recorder; `show` gets every step. What comes in
-    before all is loaded that is needed to fly (`ready`) is thrown away: it would be old before it is looked at.
-    locating: the survey beside it, which may go on when guidance has ended."""
+    """Fly until the pilot is done and no onlooker is busy. Every step and tick goes to the recorder."""
     newest: TickRecord | None = None
-    now, loaded = 0.0, False
-    while not pilot.done or (locating is not None and locating.busy):
+    now = 0.0
+    while not pilot.done or onlookers.busy:
         due = now + clock.longest_wait if pilot.done else pilot.scheduler.due
         wait(links, stop, min(clock.until(due), clock.longest_wait))
         clock.advance(due)
         if signing_time is not None:
             signing_time.turn()
-        loaded = loaded or ready()
-        step = turn(pilot, links, clock, now, stop.signal_name, deaf=not loaded)
+        step = turn(pilot, links, clock, now, stop.signal_name)
         now = step.time
-        if locating is not None:
-            locating.locator.called_off = stop.signal_name is not None
-            if said := locating.turn(step):
-                links[VEHICLE].send(b"".join(said), pilot.session.reply_to)
-                step.survey = said
         records = pilot.take_records()
+        newest = records[-1] if records else newest
+        frames = onlookers.on_step(newest, step, recorder.problem, called_off=stop.signal_name is not None)
+        if frames:
+            links[VEHICLE].send(b"".join(frames), pilot.session.reply_to)
+            step.attached = frames
         recorder.step(step)
         recorder.ticks(records)
-        newest = records[-1] if records else newest
-        show(newest, step)
 
 
 def turn(
@@ -107,17 +78,14 @@ def turn(
     clock: Clock,
     before: float,
     signal_name: str | None = None,
-    *,
-    deaf: bool = False,
 ) -> LoopStep:
     """One turn of the loop: receive, step, send. before: time of the last one. signal_name: of a signal that has come
-    to end the flight. deaf: what comes in is thrown away."""
+    to end the flight."""
     began = clock.real()
     received = [(name, *one) for name, link in links.items() for one in link.receive(before)]
-    heard = [] if deaf else received
     now = clock.now()  # a range that came while we stood still is not dated before it was sent
     step = LoopStep(now)
-    for name, data, source in heard:
+    for name, data, source in received:
         pilot.receive(data, now, source, name)
         step.heard.append((name, source, pilot.take_frames()))
     if signal_name and pilot.mission.outcome is None:

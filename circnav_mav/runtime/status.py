@@ -1,19 +1,20 @@
 """What there is to tell of a flight at one moment, the same for the terminal and the live page."""
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 from math import degrees, hypot, isfinite
 from typing import NamedTuple
 
-from circnav_mav.locate.locator import Locator
 from circnav_mav.mav.frames import compass_from_vector
 from circnav_mav.mav.ranging.interface import OTHERS
 from circnav_mav.pilot import VEHICLE, Ending, OutputMode, Pilot, PilotSettings, TickRecord, phase_name
 from circnav_mav.pilot.authority import SILENT
+from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.pilot.pilot import FLOODED
+from circnav_mav.runtime.onlookers import Onlooker, Onlookers
 
 RATE_SPAN = 3.0
 """Time, s, over which rates are taken."""
@@ -40,9 +41,9 @@ class Rates(NamedTuple):
 class Status:
     """A tick and what stands round it. time: of the run, s. flown: s since engaging, None before. phase: in words,
     waits: what the vehicle is not steered for, why: why this law flies, target: where it is and what drifts,
-    place: where it is on the map, vehicle: what flies and its firmware, believed: who is believed, and from where,
-    alarms: what is wrong, all for people. rejected: ranges refused, by reason; others: those of other senders,
-    harmless. A range too old to hold is none."""
+    vehicle: what flies and its firmware, believed: who is believed, and from where, alarms: what is wrong, all for
+    people. added: lines of onlookers, by their labels. rejected: ranges refused, by reason; others: those of other
+    senders, harmless. A range too old to hold is none."""
 
     time: float
     tick: TickRecord
@@ -57,29 +58,23 @@ class Status:
     others: int
     rates: Rates | None
     setpoints: int
-    place: str
+    added: dict[str, str]
     vehicle: str
 
 
 class Watch:
     """Looks at a pilot from time to time and remembers enough to tell rates."""
 
-    def __init__(self, pilot: Pilot, locator: Locator | None = None) -> None:
-        self._pilot, self._locator = pilot, locator
+    def __init__(self, pilot: Pilot, onlookers: Onlookers) -> None:
+        self._pilot, self._onlookers = pilot, onlookers
         self._seen: deque[tuple[float, Rates]] = deque()
 
     def status(self, tick: TickRecord, now: float, problem: str | None = None) -> Status:
         """The status with this newest tick. problem: what is wrong with the recording."""
-        pilot, locator, rates = self._pilot, self._locator, self._rates(now)
-        alarms, place, timing = _alarms(pilot, tick, now, rates, problem), "", pilot.settings.timing
-        if locator is not None:
-            place = locator.why if locator.place is None else locator.place.at(now).words()
-            if locator.problem:
-                alarms.append(f"SURVEY: {locator.problem}")
-            if locator.watch.alarm:
-                alarms.append(f"GPS WATCH: {locator.watch.alarm}")
-            if locator.handback and locator.handback.words:
-                alarms.append(f"HAND-BACK: {locator.handback.words}")
+        pilot, rates, timing = self._pilot, self._rates(now), self._pilot.settings.timing
+        alarms = [*_alarms(pilot, tick, now, rates), *self._onlookers.alarms(now)]
+        if problem is not None:
+            alarms.append(f"NOT RECORDING: {problem}")
         if tick.range_age is not None and tick.range_age > timing.stale + timing.hold:
             # the prediction stands for no range any more: by now it would not hold the turn either
             tick = tick._replace(r=None, r_dot=None, r_sigma=None, r_dot_sigma=None)
@@ -92,7 +87,7 @@ class Watch:
             why=pilot.why if tick.law else "",
             target=_target(tick),
             believed=pilot.believed,
-            place=place,
+            added=self._onlookers.facts(now),
             alarms=tuple(alarms),
             rejected={why: count for why, count in pilot.tracker.ranging.rejected.most_common() if why not in OTHERS},
             others=sum(pilot.tracker.ranging.rejected[why] for why in OTHERS),
@@ -129,20 +124,24 @@ class Begun:
         return begun
 
 
-class AlarmLog:
-    """The alarms of a flight for its record, each once as it begins, whoever looks on."""
+class AlarmLog(Onlooker):
+    """The alarms of a flight for its record, each once as it begins."""
 
-    def __init__(self, pilot: Pilot, locator: Locator | None = None) -> None:
+    name = "alarms"
+
+    def __init__(self, pilot: Pilot, onlookers: Onlookers) -> None:
         self.begun: list[tuple[float, str]] = []
         """Time of the run, s, and words."""
-        self._watch, self._news, self._due = Watch(pilot, locator), Begun(), 0.0
+        self._watch, self._news, self._due = Watch(pilot, onlookers), Begun(), 0.0
 
-    def show(self, newest: TickRecord | None, now: float, problem: str | None = None) -> None:
+    def on_step(self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None) -> Sequence[bytes]:
         """Look for new ones when it is time."""
+        now = step.time
         if newest is not None and now >= self._due:
             self._due = now + LOOK
-            begun = self._news.of(self._watch.status(newest, now, problem).alarms)
+            begun = self._news.of(self._watch.status(newest, now, recording_problem).alarms)
             self.begun += [(now, alarm) for alarm in begun[: MOST_ALARMS - len(self.begun)]]
+        return ()
 
 
 def kind(text: str) -> str:
@@ -183,7 +182,7 @@ def told(status: Status, settings: PilotSettings, most_reasons: int | None = Non
         "law": status.why or tick.law or "-",
         "waiting": status.waits or "-",
         "target": status.target,
-        "place": status.place or "-",
+        **status.added,
         "ranging": f"{accepted} accepted, newest {range_age} old, stale at {timing.stale:.2f} s",
         "rejected": f"{refused} of {refused + tick.accepted}{why}{others}",
         "link": f"{frames} frames, heartbeat {link_age} old  {status.believed}",
@@ -197,7 +196,7 @@ def _with_sigma(value: float | None, sigma: float | None, form: str, unit: str) 
     return f"{value:{form}} {unit}" if sigma is None else f"{value:{form}} {unit} ± {sigma:.2f} {unit}"
 
 
-def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, problem: str | None) -> list[str]:
+def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None) -> list[str]:
     """What is wrong now, the worst first."""
     timing, found = pilot.settings.timing, pilot.session.identity.rivals.recent(now)
     if now - pilot.allowance.dropped_at < FLOODED:
@@ -231,8 +230,6 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None, pro
             found.append(f"CLOCK: autopilot time runs {speed:.2g} times as fast as ours: {cure}")
         if trouble := pilot.tracker.height.trouble(now):
             found.append(trouble)
-    if problem is not None:
-        found.append(f"NOT RECORDING: {problem}")
     return found
 
 

@@ -1,6 +1,6 @@
 """A link that is broken on purpose, between an application and a vehicle: seeded, in both directions.
 
-In lockstep it is an object (`FaultLink`), over UDP a program (`python -m circnav_mav.emulator.faults`). It knows bytes
+In lockstep it is an object (`FaultLink`), over UDP a program (`python -m circnav_sim.faults`). It knows bytes
 and, where a fault speaks MAVLink, frames; it knows neither the application nor the vehicle.
 """
 

@@ -1,4 +1,4 @@
-"""A broken link: python -m circnav_mav.emulator.faults --listen URL --forward URL [faults]."""
+"""A broken link: python -m circnav_sim.faults --listen URL --forward URL [faults]."""
 
 import sys
 from collections.abc import Callable
@@ -19,7 +19,7 @@ BAD_USAGE = 2
 EXAMPLE = """\b
 three terminals, a fifth of all datagrams lost and a minute of silence after two:
   circnav emulate arducopter --endpoint udpout:127.0.0.1:14551
-  python -m circnav_mav.emulator.faults --loss 0.2 --outage 120+60 \\
+  python -m circnav_sim.faults --loss 0.2 --outage 120+60 \\
       --forward udpin:127.0.0.1:14551 --listen udpout:127.0.0.1:14550
   circnav fly arducopter --endpoint udpin:127.0.0.1:14550
 With a vehicle of your own, let it send to port 14551 instead of 14550. Ctrl-C ends it and tells what was lost.

@@ -137,7 +137,7 @@ def test_a_signal_ends_a_command_that_listens(port, command, number, code):
 
 
 def test_an_emulator_at_another_speed_says_how_to_be_flown(circnav, busy_port, monkeypatch):
-    monkeypatch.setattr("circnav_mav.emulator.server._fly", lambda *_arguments: None)
+    monkeypatch.setattr("circnav_sim.server._fly", lambda *_arguments: None)
     emulate = ("emulate", "--endpoint", f"udpout:127.0.0.1:{busy_port}")
     _, how = circnav(*emulate, "--speed", "8").done.splitlines()
     assert how == """8 times real time: fly it with --set 'link.clock="autopilot"'"""
@@ -159,7 +159,7 @@ def test_a_cell_is_flown_and_written(circnav, tmp_path):
 
 
 def test_a_place_that_cannot_be_written_is_found_out_before_anything_flies(circnav, tmp_path, monkeypatch):
-    monkeypatch.setattr("circnav_mav.experiments.bench.run", None)
+    monkeypatch.setattr("circnav_mav.extras.bench.bench.run", None)
     (tmp_path / "out" / "table.csv").mkdir(parents=True)
     assert "Is a directory" in circnav(*CELL, "--out", tmp_path / "out").refused
 

@@ -9,7 +9,7 @@ from contextlib import closing, contextmanager
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.runtime.web.feed import LivePage
+from circnav_mav.extras.web.feed import LivePage
 from tests.flight.lockstep import flight
 from tests.flight.signed import KEY
 from tests.process import PATIENCE

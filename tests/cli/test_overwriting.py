@@ -42,7 +42,7 @@ def test_an_export_is_written_over_nothing_that_is_no_export_and_one_that_fails_
     def full(*arguments):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("circnav_mav.runlog.export_mcap._tick_rows", full)
+    monkeypatch.setattr("circnav_mav.extras.mcap.export._tick_rows", full)
     assert "No space left on device" in circnav("export", run, "--mcap").refused
     assert contents(run) == before
 

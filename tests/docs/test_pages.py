@@ -23,7 +23,7 @@ from circnav_mav.runtime.recorder import TICK_COLUMNS
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", ROOT / "sim" / "README.md", ROOT / "CHANGELOG.md", *sorted(DOCS.glob("*.md"))]
-PAGES += [ROOT / "circnav_mav" / "experiments" / "BENCHMARK.md"]
+PAGES += [ROOT / "circnav_mav" / "extras" / "bench" / "BENCHMARK.md"]
 
 
 def anchor(heading: str) -> str:

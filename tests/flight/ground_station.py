@@ -2,9 +2,9 @@
 
 import struct
 
+from circnav_sim.vehicle import Vehicle
 from pymavlink.dialects.v20 import all as dialect
 
-from sim.vehicle import Vehicle
 from tests.sim.station import Station
 
 

@@ -9,6 +9,11 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from circnav_sim.config import parse_vehicle
+from circnav_sim.faults.frames import frames, message_id
+from circnav_sim.faults.pipe import Pipe
+from circnav_sim.vehicle import Truth, Vehicle
+
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import VEHICLE, Outcome, OutputMode, Pilot, TickRecord
@@ -16,10 +21,6 @@ from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.lockstep import Lockstep
 from circnav_mav.runtime.runner import turn
-from sim.config import parse_vehicle
-from sim.faults.frames import frames, message_id
-from sim.faults.pipe import Pipe
-from sim.vehicle import Truth, Vehicle
 
 copyreg.pickle(struct.Struct, lambda unpacker: (struct.Struct, (unpacker.format,)))  # lets a flight be copied
 

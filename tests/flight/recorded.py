@@ -5,13 +5,14 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from circnav_sim.config import parse_vehicle
+from circnav_sim.vehicle import Vehicle
+
 from circnav_mav.cli.closing import write_manifest
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import OutputMode, Pilot
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runtime.recorder import Recorder
-from sim.config import parse_vehicle
-from sim.vehicle import Vehicle
 from tests.flight.lockstep import CONFIG, Flight
 
 EPOCH_US = 1_790_000_000_000_000

@@ -3,11 +3,11 @@
 import re
 
 import pytest
+from circnav_sim.config import parse_vehicle
+from circnav_sim.vehicle import Vehicle
 
 from circnav_mav.mission.load import parse_mission
 from circnav_mav.pilot import Ending, Pilot
-from sim.config import parse_vehicle
-from sim.vehicle import Vehicle
 from tests.flight.ground_station import Operator
 from tests.flight.lockstep import CONFIG, Flight, flight, last_third, mean_radius
 

@@ -9,15 +9,15 @@ from math import hypot
 from pathlib import Path
 
 import pytest
+from circnav_sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG
 from pymavlink import mavutil
 
-from circnav_mav.locate.place import Plane
+from circnav_mav.extras.locate.place import Plane
 from circnav_mav.mission.load import parse_mission
 from circnav_mav.pilot import Pilot
 from circnav_mav.runlog.loop_steps import recorded_steps
 from circnav_mav.runlog.replay import Replayed, replay
 from circnav_mav.runlog.run_folder import open_run
-from sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG
 from tests.process import PATIENCE, QUICKSTART, circnav, read_until
 
 

@@ -4,9 +4,9 @@ from collections import Counter
 
 from pymavlink.dialects.v20 import all as mavlink
 
+from circnav_mav.extras.radios.lines import Lines
 from circnav_mav.mission.load import parse_mission
 from circnav_mav.pilot import RANGING, Pilot
-from circnav_mav.radios.lines import Lines
 from circnav_mav.runlog.loop_steps import recorded_steps
 from circnav_mav.runlog.replay import replay
 from circnav_mav.runlog.run_folder import open_run

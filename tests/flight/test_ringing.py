@@ -10,13 +10,13 @@ from math import cos, degrees, inf, pi, remainder, sin
 
 import numpy as np
 import pytest
+from circnav_sim.faults.pipe import Impairment, Pipe
 
 from circnav_mav.guidance import step, watches
 from circnav_mav.guidance.side_slip import SideSlip
 from circnav_mav.guidance.step import Inputs, StepSettings
 from circnav_mav.guidance.types import RelativeMotion
 from circnav_mav.guidance.vector_field import field_heading
-from sim.faults.pipe import Impairment, Pipe
 from tests.flight.lockstep import Flight, clockwise_turns, flight, rms_error
 
 RADIUS, SPEED = {"arduplane": 150.0, "arducopter": 30.0}, {"arduplane": 22.0, "arducopter": 5.0}

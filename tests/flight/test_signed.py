@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 import pytest
+from circnav_sim.config import Event
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as mavlink
 
@@ -14,7 +15,6 @@ from circnav_mav.mav.framing import split_frames
 from circnav_mav.mav.signing import Refusal, is_signed
 from circnav_mav.pilot import Ending
 from circnav_mav.pilot.mission_state import Phase
-from sim.config import Event
 from tests.flight.lockstep import UNIX, clockwise_turns, last_third, rms_error
 from tests.flight.signed import KEY, OTHER, key_file, signed_flight, voice
 from tests.process import PATIENCE, QUICKSTART, circnav

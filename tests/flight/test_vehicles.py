@@ -38,7 +38,7 @@ def begun(mission: str) -> Flight:
 @pytest.mark.parametrize(("mission", "lasts", "most"), [("arducopter", 120.0, 1.5), ("px4_plane_attitude", 90.0, 2.5)])
 def test_vehicle_holds_the_circle_to_two_percent_counterclockwise_with_a_quiet_turn(mission, lasts, most):
     """most: standard deviation of the turn command, deg/s; the turn itself is 5 .. 13. The other vehicles:
-    tests/firmware/test_emulated.py, the rover test_weather.py; clockwise: test_ringing.py."""
+    tests/tools/firmware/test_emulated.py, the rover test_weather.py; clockwise: test_ringing.py."""
     flown = flight(mission, 'orbit.direction="counterclockwise"', f"limits.duration_s={lasts}", law="auto").fly(200)
     radius = flown.pilot.settings.orbit.radius
     assert flown.outcome.ending is Ending.COMPLETED

@@ -6,9 +6,9 @@ not reach the guidance there.
 """
 
 import pytest
+from circnav_sim.faults.pipe import Impairment, Pipe
 
 from circnav_mav.pilot import Ending
-from sim.faults.pipe import Impairment, Pipe
 from tests.flight.lockstep import clockwise_turns, flight, last_third, rms_error, unrest
 
 SPEED = {"arduplane": 22.0, "arducopter": 5.0}

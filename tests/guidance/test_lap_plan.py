@@ -12,7 +12,7 @@ from circnav_mav.guidance.maths import chord_parts, clip, wrap
 from circnav_mav.guidance.turn_response import BankLimit, PendingTurn, Response
 from circnav_mav.guidance.types import OwnMotion
 from circnav_mav.guidance.vector_field import drift, drift_gains, mirrored
-from tests.firmware.bound import squeezed
+from tests.tools.firmware.bound import squeezed
 
 V, R_D, WIND = 23.4, 150.0, 5.0
 """ArduPlane as flown. Its circle asks for up to .230 rad/s."""
@@ -39,7 +39,7 @@ def geometry(lap, wind):
 
 @pytest.mark.parametrize("blows", [0.0, 2.3])
 def test_the_planned_lap_keeps_the_limit_and_is_nearly_the_truest_that_does(blows):
-    """The least RMS is worked out apart, in tests/firmware/bound.py; a plan for less than the limit has more."""
+    """The least RMS is worked out apart, in tests/tools/firmware/bound.py; a plan for less than the limit has more."""
     wind = WIND * np.exp(1j * blows)
     lap = plan((wind.real, wind.imag), V=V, r_d=R_D, limit=LIMIT)
     assert lap is not None

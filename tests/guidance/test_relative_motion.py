@@ -6,9 +6,9 @@ from math import cos, hypot, sin
 import numpy as np
 import pytest
 
-from circnav_mav.experiments.batch.estimators import Auto
-from circnav_mav.experiments.batch.flight import ESTIMATION, ORBIT, Situation, fly_situation, policy
-from circnav_mav.experiments.batch.sensors import ImuNoise
+from circnav_mav.extras.batch.estimators import Auto
+from circnav_mav.extras.batch.flight import ESTIMATION, ORBIT, Situation, fly_situation, policy
+from circnav_mav.extras.batch.sensors import ImuNoise
 from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.multiple_model import DriftBank, Stage
 from circnav_mav.guidance.estimators.relative_ekf import GX, GY, KAPPA

@@ -6,7 +6,7 @@ from math import degrees
 import numpy as np
 import pytest
 
-from circnav_mav.experiments.batch import metrics
+from circnav_mav.extras.batch import metrics
 from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.checks import check_mission
 

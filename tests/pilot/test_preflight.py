@@ -9,6 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from circnav_sim.config import parse_vehicle
+from circnav_sim.vehicle import Vehicle
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mav.check_result import Grade
@@ -19,8 +21,6 @@ from circnav_mav.mission.load import load_mission
 from circnav_mav.mission.preflight import judge
 from circnav_mav.pilot import RANGING, VEHICLE
 from circnav_mav.pilot.survey import RangeHeard, Survey
-from sim.config import parse_vehicle
-from sim.vehicle import Vehicle
 from tests.flight.signed import KEY, OTHER, key_file
 from tests.rig import Voice, heartbeat
 

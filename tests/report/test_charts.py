@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import quickjs
 
+from circnav_mav.extras.web import CHARTS
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.report.chart_data import alarms, as_script, chart_data, peaks, stretches
 from circnav_mav.runlog.events import Event
 from circnav_mav.runlog.ticks import read_ticks, read_truth
-from circnav_mav.runtime.web import CHARTS
 from tests.runlog.conftest import EPOCH_US
 
 FLIGHT = {"radius": 100.0, "tolerance": 5.0, "limit": 0.35, "steady": -0.15, "gate": 5.0}

@@ -6,12 +6,12 @@ from collections import Counter
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.radios.interface import RadioReading
-from circnav_mav.radios.lines import Lines
-from circnav_mav.radios.linktrack import LinkTrack
+from circnav_mav.extras.radios.lines import Lines
+from circnav_mav.extras.radios.linktrack import LinkTrack
+from circnav_mav.mav.ranging.driver import RadioReading
 from circnav_mav.runtime.endpoint import LinkError
 from circnav_mav.runtime.radio_link import RadioLink, open_radio, radio_port
-from tests.radios.recorded import NODE_FRAME_2
+from tests.extras.radios.recorded import NODE_FRAME_2
 
 NONE = 2**32 - 1
 

@@ -3,12 +3,11 @@
 from collections.abc import Callable
 from typing import Any
 
+from circnav_sim.autopilots.modes import PX4
+from circnav_sim.config import parse_vehicle
+from circnav_sim.vehicle import Truth, Vehicle
 from pymavlink.dialects.v20 import all as mavlink
 from scipy.spatial.transform import Rotation
-
-from sim.autopilots.modes import PX4
-from sim.config import parse_vehicle
-from sim.vehicle import Truth, Vehicle
 
 QUIET = {"truth": {"rate_hz": 0}, "ranging": {"rate_hz": 0.0}}
 EXACT = {"attitude_error_deg": 0.0, "gyro_noise_deg_s": 0.0}

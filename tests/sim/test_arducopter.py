@@ -4,11 +4,11 @@ import math
 import struct
 
 import pytest
+from circnav_sim.autopilots.modes import PROFILES
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as mavlink
 
-from sim.autopilots.modes import PROFILES
 from tests.sim.station import Station, aboard, build
 
 

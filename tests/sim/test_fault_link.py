@@ -5,14 +5,14 @@ import time
 from random import Random
 
 import pytest
+from circnav_sim.faults import DOWN, UP, FaultLink, Impairment
+from circnav_sim.faults.frames import message_id, write
+from circnav_sim.faults.pipe import Pipe, corrupted
 from pymavlink.dialects.v20 import all as mavlink
 
-from sim.faults import DOWN, UP, FaultLink, Impairment
-from sim.faults.frames import message_id, write
-from sim.faults.pipe import Pipe, corrupted
-from tests.faults.tampering import dropping, on, outliers
 from tests.frames import read, rewritten
 from tests.process import PATIENCE, python, running
+from tests.tools.faults.tampering import dropping, on, outliers
 
 
 def carried(impairment, count=2000, seed=1, step=0.01):

@@ -5,10 +5,10 @@ import math
 import statistics
 
 import pytest
+from circnav_sim.config import Target
+from circnav_sim.world import target_at
 from pymavlink.dialects.v20 import all as mavlink
 
-from sim.config import Target
-from sim.world import target_at
 from tests.sim.station import Station, aboard, build
 
 

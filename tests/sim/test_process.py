@@ -5,13 +5,13 @@ import socket
 import time
 
 import pytest
+from circnav_sim import server
+from circnav_sim.__main__ import main
+from circnav_sim.config import parse_vehicle
+from circnav_sim.vehicle import Vehicle
 from click.testing import CliRunner
 from pymavlink.dialects.v20 import all as mavlink
 
-from sim import server
-from sim.__main__ import main
-from sim.config import parse_vehicle
-from sim.vehicle import Vehicle
 from tests.process import PATIENCE, python, running
 
 HEARTBEAT = mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)

@@ -4,9 +4,9 @@ import math
 import struct
 
 import pytest
+from circnav_sim.autopilots.modes import PX4
 from pymavlink.dialects.v20 import all as mavlink
 
-from sim.autopilots.modes import PX4
 from tests.sim.station import Station, aboard, build
 
 LOITER, OFFBOARD = (4, 3), (6, 0)

@@ -3,9 +3,9 @@
 import math
 
 import pytest
+from circnav_sim.autopilots.modes import PX4
 from pymavlink.dialects.v20 import all as mavlink
 
-from sim.autopilots.modes import PX4
 from tests.sim.station import aboard
 
 REPOSITION, CHANGE_SPEED = 192, 178

@@ -1,10 +1,10 @@
 """The emulated autopilots with a key: what they sign, whom they believe, and as real ones do after a reboot."""
 
 import pytest
+from circnav_sim.config import ConfigError, load_vehicle, parse_vehicle
+from circnav_sim.signing import EPOCH_S, TICKS_PER_S
 from pymavlink.dialects.v20 import all as mavlink
 
-from sim.config import ConfigError, load_vehicle, parse_vehicle
-from sim.signing import EPOCH_S, TICKS_PER_S
 from tests.sim.station import Station, build
 
 KEY, OTHER = bytes(range(32)), bytes(range(100, 132))

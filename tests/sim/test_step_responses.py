@@ -11,8 +11,8 @@ from functools import cache
 from typing import NamedTuple
 
 import pytest
+from circnav_sim.vehicle import Truth
 
-from sim.vehicle import Truth
 from tests.sim.station import Station, aboard
 
 TICK = 0.01

@@ -3,14 +3,13 @@
 import math
 
 import pytest
+from circnav_sim.airframes.copter import copter_airframe
+from circnav_sim.airframes.unicycle import Unicycle
+from circnav_sim.body import Body
+from circnav_sim.config import Airframe
+from circnav_sim.demands import BodyVelocity, Brake
 from hypothesis import given
 from hypothesis import strategies as st
-
-from sim.airframes.copter import copter_airframe
-from sim.airframes.unicycle import Unicycle
-from sim.body import Body
-from sim.config import Airframe
-from sim.demands import BodyVelocity, Brake
 
 IDEAL = Unicycle(max_turn_rate=1.0, turn_lag=0.0, speed_lag=0.0)
 LAGGED = Unicycle(max_turn_rate=1.0, turn_lag=0.4, speed_lag=0.8)

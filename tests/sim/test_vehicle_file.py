@@ -5,9 +5,8 @@ import tomllib
 from pathlib import Path
 
 import pytest
-
-from sim.config import ConfigError, load_vehicle, parse_vehicle
-from sim.vehicle import Vehicle
+from circnav_sim.config import ConfigError, load_vehicle, parse_vehicle
+from circnav_sim.vehicle import Vehicle
 
 
 def test_an_empty_file_flies():

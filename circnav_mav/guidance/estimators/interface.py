@@ -57,10 +57,6 @@ class Estimator(Protocol):
     def at(self, time: float) -> RangeEstimate | None:
         """The estimate predicted to a moment of the local clock; None before the first sample."""
 
-    def settle(self) -> None:
-        """Do what no estimate of the newest sample needed; called before anything else comes in."""
-        return
-
     def restamp(self) -> None:
         """The sensor's clock has jumped: only an estimator that goes by stamps has to begin anew."""
         return

@@ -104,9 +104,9 @@ class DriftBank:
         return self._search.remembers
 
     def step(self, *heard: Any) -> None:
-        """`observe` and `settle`."""
+        """`observe` and `search`."""
         self.observe(*heard)
-        self.settle()
+        self.search()
 
     def observe(
         self, dt: Batch, chord: Batch, z: Batch, sigma: Batch, valid: Batch, felt: Felt | None = None,
@@ -115,7 +115,7 @@ class DriftBank:
         """Carry flights on by dt (B,) along chord (2, B), and take in their ranges z, sigma where valid (B,). Nothing
         happens to those whose dt and chord are 0 and whose range is not valid. felt: the accelerations meanwhile.
         rates: range rates measured now."""
-        self.settle()
+        self.search()
         sigma = np.minimum(np.maximum(sigma, LEAST_SIGMA), MOST_SIGMA)
         self._since += dt
         self._track(dt, chord, z, sigma, valid, felt, rates)
@@ -125,8 +125,8 @@ class DriftBank:
         if lost or self._tracking.size < self.stage.size:
             self._hear()  # a vehicle that searches is steered by what its search thinks most of
 
-    def settle(self) -> None:
-        """Go on with the searches: what no track needs, and no vehicle before its setpoint."""
+    def search(self) -> None:
+        """Go on with the searches. The result counts from the next estimate on."""
         if self._unheard is not None:
             self._hear()
         if self._due is None:

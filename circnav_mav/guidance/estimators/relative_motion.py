@@ -43,6 +43,8 @@ class DriftEstimator(Estimator):
         self._range_at = float("-inf")
         self._sigma = 1.0
         self._astray = False
+        self._asked: float | None = None
+        """Moment of the first estimate since the newest range, s."""
         self._lately: tuple[float, Prior] | None = None
         self._before: tuple[float, Prior] | None = None
 
@@ -56,11 +58,8 @@ class DriftEstimator(Estimator):
         """Normalised innovation squared of the newest sample; None while searching."""
         return None if np.isnan(self.bank.nis[0]) else float(self.bank.nis[0])
 
-    def settle(self) -> None:
-        """Go on with the search; what it has found counts from the next estimate on."""
-        self.bank.settle()
-
     def move(self, motion: OwnMotion) -> None:
+        self.bank.search()
         self._path.move(motion)
 
     def observe(self, sample: RangeSample) -> Fused:
@@ -76,6 +75,7 @@ class DriftEstimator(Estimator):
         self._range_at = sample.time
         ranges = np.array([sample.r]), np.array([sample.sigma]), np.array([True])
         self.bank.observe(*_step(before or knot, knot), *ranges, _felt(before, knot))
+        self._asked = None
         self._used, self._sigma, self._astray = knot, sample.sigma, False
         self._remember(sample.time)
         if sample.rate is not None:
@@ -95,6 +95,11 @@ class DriftEstimator(Estimator):
         self._used = knot
 
     def at(self, time: float) -> RangeEstimate | None:
+        # One step of the flight asks for the estimate before its setpoint. A search takes some milliseconds, so it goes
+        # on when the next input or a later moment comes.
+        if self._asked is not None and time > self._asked:
+            self.bank.search()
+        self._asked = time if self._asked is None else self._asked
         knot = self._path.at(time)
         if knot is None or self._used is None or knot.piece != self._used.piece or self.bank.stage[0] == Stage.EMPTY:
             return None
@@ -155,17 +160,7 @@ class AutoEstimator(Estimator):
     """`auto`: range and range rate by `kalman` from the first samples on, everything by `drift` once it is trusted."""
 
     def __init__(self, settings: EstimatorSettings) -> None:
-        self._kalman, self.drift = KalmanRangeRate(settings), DriftEstimator(settings)
-        self._waiting: RangeSample | None = None
-        """A sample that `kalman` has not taken in: while `drift` steers, nobody asks it before the setpoint."""
-
-    @property
-    def kalman(self) -> KalmanRangeRate:
-        """`kalman`, with the newest sample."""
-        sample, self._waiting = self._waiting, None
-        if sample is not None:
-            self._kalman.observe(sample, at_leisure=True)
-        return self._kalman
+        self.kalman, self.drift = KalmanRangeRate(settings), DriftEstimator(settings)
 
     def reset(self) -> None:
         self.kalman.reset()
@@ -189,15 +184,8 @@ class AutoEstimator(Estimator):
 
     def observe(self, sample: RangeSample) -> Fused:
         """Take one sample in; refused is what fits neither, for a bank that has lost its place refuses the truth."""
-        by_drift, kalman = self.drift.observe(sample), self.kalman
-        if by_drift is Fused.GATED or not self.drift.ready:
-            return kalman.observe(sample)
-        self._waiting = sample
-        return by_drift
-
-    def settle(self) -> None:
-        self.drift.settle()
-        self.kalman.settle()
+        by_drift, by_range = self.drift.observe(sample), self.kalman.observe(sample)
+        return by_range if by_drift is Fused.GATED or not self.drift.ready else by_drift
 
     def observe_rate(self, sample: RateSample) -> None:
         self.drift.observe_rate(sample)

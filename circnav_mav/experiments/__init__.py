@@ -1,1 +1,0 @@
-"""Many flights: the benchmark, campaigns, the paper's examples."""

@@ -1,0 +1,62 @@
+"""How an extra attaches to the core.
+
+The core flies without any extra and imports none of them. It looks for packages in `circnav_mav/extras` and reads the
+`EXTENSION` of each. Where a package is missing, its commands, mission tables and options are missing, too.
+"""
+
+import importlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pkgutil import iter_modules, resolve_name
+from typing import Any
+
+EXTRAS = "circnav_mav.extras"
+
+
+@dataclass(frozen=True)
+class Extension:
+    """What one extra adds to the core. Every value is a reference, `module:name`, that is imported when it is used.
+
+    commands: click commands, by the names that are typed.
+    tables: pydantic models of mission tables, by the names of the tables.
+    checks: functions from a mission to the check lines of the extra's tables.
+    fly_options: click options that `circnav fly` gets.
+    onlooker: function from an `OnlookerSettings` to an `Onlooker`, or to None if this flight does not need one.
+    report_section: function from a run folder to HTML for its report, empty for nothing.
+    schemas: pydantic models of other files, by the names that `circnav schema` takes.
+    files: names of the files that the extra writes into a run folder.
+    order: place among the commands that `circnav --help` lists.
+    """
+
+    commands: Mapping[str, str] = field(default_factory=dict)
+    tables: Mapping[str, str] = field(default_factory=dict)
+    checks: Sequence[str] = ()
+    fly_options: Sequence[str] = ()
+    onlooker: str | None = None
+    report_section: str | None = None
+    schemas: Mapping[str, str] = field(default_factory=dict)
+    files: Sequence[str] = ()
+    order: int = 100
+
+
+@cache
+def extensions() -> tuple[Extension, ...]:
+    """Return the extensions that are installed, in the order of their commands."""
+    try:
+        package = importlib.import_module(EXTRAS)
+    except ModuleNotFoundError:
+        return ()
+    names = (module.name for module in iter_modules(package.__path__, f"{EXTRAS}.") if module.ispkg)
+    found = (getattr(importlib.import_module(name), "EXTENSION", None) for name in names)
+    return tuple(sorted(filter(None, found), key=lambda extension: extension.order))
+
+
+def load(reference: str) -> Any:
+    """Return what a reference of an extension names."""
+    return resolve_name(reference)
+
+
+def table_models() -> dict[str, Any]:
+    """Return the models of the mission tables that belong to extras, by name."""
+    return {name: load(model) for extension in extensions() for name, model in extension.tables.items()}

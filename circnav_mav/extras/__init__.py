@@ -1,0 +1,1 @@
+"""What is attached to the core: each package here can be deleted without touching the flight."""

@@ -1,0 +1,36 @@
+"""`circnav bench`: flies the cells that are asked for."""
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+import click
+
+from circnav_mav.cli.exits import Exit, Refused, refusing
+from circnav_mav.extras.batch.flight import SITUATIONS
+from circnav_mav.extras.batch.guidance import POLICIES
+from circnav_mav.extras.batch.worker_pool import WorkerDiedError
+from circnav_mav.extras.bench import bench
+
+
+def fly_bench(flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed: int, out: str | None) -> int:
+    """Fly the cells asked for, all by default, and print a line for each. Raises Refused."""
+    _known("--law", laws, POLICIES)
+    _known("--situation", situations, SITUATIONS)
+    folder = Path(out) if out else None
+    cells = [(situation, law) for situation in situations or SITUATIONS for law in laws or POLICIES]
+    with refusing(out or "bench"):
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / "table.csv").open("ab").close()  # better now than after hours of flight
+        try:
+            bench.run(cells, flights, seed, folder, tell=click.echo, cores=os.cpu_count() or 1)
+        except WorkerDiedError:
+            raise Refused("a worker process died (out of memory?): ask for fewer --flights", Exit.INTERNAL) from None
+    return Exit.DONE
+
+
+def _known(option: str, names: tuple[str, ...], table: Iterable[str]) -> None:
+    for name in names:
+        if name not in table:
+            raise Refused(f'{option}: "{name}" is not one of: {"; ".join(table)}')

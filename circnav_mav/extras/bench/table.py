@@ -1,0 +1,155 @@
+"""What a cell of the benchmark tells: its figures, its line, the two tables of BENCHMARK.md, and their picture."""
+
+import csv
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from math import isfinite
+from pathlib import Path
+
+import numpy as np
+
+from circnav_mav.extras.batch.flight import SITUATIONS
+from circnav_mav.runlog.atomic_write import atomic_write
+
+OWN = "auto"
+"""The policy that has a table of its own, with all figures."""
+LOST = 300.0
+"""RMS error, m, of the median flight from which on it is called lost."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One law in one situation. Lengths in m, times in s; p95: 95th percentile over the flights.
+
+    rms: of the radius error over the last 100 s, peak: its largest. settled10, settled2: last exit from +-10 % and
+    +-2 % over the Dubins time to the tangent point, for starts outside 1.3 r_d. closest: 1st percentile of the closest
+    approach, for starts outside. wrong_way: flights that went round the wrong way, a quarter turn at least. turn_*: of
+    the command over the last 100 s, medians; limit_cycles: flights in which it was in one (see `TurnFigures`).
+    range_rmse, rate_rmse: of the estimates, m and m/s, over the last 100 s. nees_in_band: share of steps with the NEES
+    of (r, theta) in its 95 % band.
+    """
+
+    situation: str
+    policy: str
+    flights: int
+    kept: int
+    rms_median: float
+    rms_p95: float
+    rms_max: float
+    peak_median: float
+    mean_error: float
+    settled10_median: float
+    settled10_p95: float
+    settled2_median: float
+    settled2_p95: float
+    closest_outside: float
+    overshoot_inside: float
+    wrong_way: int
+    turn_std_deg_s: float
+    turn_at_limit: float
+    turn_variation_rad_s2: float
+    limit_cycles: int
+    range_rmse: float
+    rate_rmse: float
+    rate_p99: float
+    nees_mean: float
+    nees_in_band: float
+    seconds: float
+
+
+def line(cell: Cell) -> str:
+    """A row of the printed table. Settling is told in times of the shortest way there, median and 95th percentile."""
+    need = SITUATIONS[cell.situation].required
+    wanted = "" if need is None or cell.policy != OWN else f" (<= {need:.2f})"
+    wrong = f"wrong way {cell.wrong_way}  " if cell.wrong_way else ""
+    cycles = f", limit cycles {cell.limit_cycles}" if cell.limit_cycles else ""
+    return (
+        f"{cell.situation:24s} {cell.policy:22s} kept {cell.kept:4d} of {cell.flights}  {wrong}"
+        f"RMS {cell.rms_median:7.3f} p95 {cell.rms_p95:8.3f}{wanted}, peak {cell.peak_median:.2f}  "
+        f"settled to 10 % in {cell.settled10_median:.2f}/{cell.settled10_p95:.2f} ideal times, "
+        f"to 2 % in {cell.settled2_median:.2f}  "
+        f"turn sd {cell.turn_std_deg_s:.1f} deg/s, at the limit {100 * cell.turn_at_limit:.0f} %, "
+        f"varies {cell.turn_variation_rad_s2:.2f} rad/s per s{cycles}  "
+        f"r' {cell.rate_rmse:.3f}  {cell.seconds:.0f} s"
+    )
+
+
+def write_csv(cells: list[Cell], path: Path) -> None:
+    with atomic_write(path) as fresh, fresh.open("w", newline="", encoding="utf-8") as file:
+        rows = [asdict(cell) for cell in cells]
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows)
+
+
+COLUMNS: dict[str, Callable[[Cell], str]] = {
+    "situation": lambda cell: cell.situation,
+    "kept": lambda cell: f"{cell.kept} of {cell.flights}",
+    "RMS radius error, m: median / 95th percentile / worst; median peak": lambda cell: (
+        f"**{cell.rms_median:.3f}** / {cell.rms_p95:.3f} / {cell.rms_max:.2f}; {cell.peak_median:.2f}"
+    ),
+    "asked for": lambda cell: "report" if (need := SITUATIONS[cell.situation].required) is None else f"{need:.2f}",
+    "settled to +-10 %": lambda cell: f"{_times(cell.settled10_median)} / {_times(cell.settled10_p95)}",
+    "to +-2 %": lambda cell: f"{_times(cell.settled2_median)} / {_times(cell.settled2_p95)}",
+    "turn command: sd deg/s / at the limit / rad/s per s": lambda cell: (
+        f"{cell.turn_std_deg_s:.1f} / {100 * cell.turn_at_limit:.0f} % / {cell.turn_variation_rad_s2:.2f}"
+    ),
+    "limit cycles": lambda cell: f"{cell.limit_cycles}",
+    "closest (1st pct., starts outside), m": lambda cell: f"{cell.closest_outside:.0f}",
+    "r' RMSE, m/s": lambda cell: f"{cell.rate_rmse:.3f}",
+    "mean NEES / in 95 % band": lambda cell: f"{cell.nees_mean:.1f} / {100 * cell.nees_in_band:.0f} %",
+}
+"""Of the table of OWN."""
+
+
+def markdown(cells: Sequence[Cell]) -> str:
+    """The table of `auto`, then that of the other laws: median RMS radius error, in brackets the flights kept where it
+    is not all, after it the standard deviation of the turn command; whichever was flown."""
+    own, others = ([cell for cell in cells if (cell.policy == OWN) is mine] for mine in (True, False))
+    tables = [_table(tuple(COLUMNS), [[told(cell) for told in COLUMNS.values()] for cell in own])] if own else []
+    if others:
+        laws = list(dict.fromkeys(cell.policy for cell in others))
+        rows: dict[str, dict[str, str]] = {cell.situation: dict.fromkeys(laws, "") for cell in others}
+        for cell in others:
+            kept = "" if cell.kept == cell.flights else f" ({cell.kept})"
+            rows[cell.situation][cell.policy] = f"{median_or_lost(cell)}{kept}, sd {cell.turn_std_deg_s:.1f}"
+        tables.append(_table(("situation", *laws), [(row, *said.values()) for row, said in rows.items()]))
+    return "\n".join(tables)
+
+
+def median_or_lost(cell: Cell) -> str:
+    """The median RMS radius error as the tables have it."""
+    return f"{cell.rms_median:.2f}" if cell.rms_median < LOST else "lost"
+
+
+def draw(cells: Sequence[Cell], path: Path) -> None:
+    """The table as a picture: median RMS error in colour, flights kept in words. Situations down, laws across."""
+    from matplotlib.colors import LogNorm  # matplotlib is not for the workers
+    from matplotlib.figure import Figure
+
+    from circnav_mav.report.plots import save
+
+    rows, columns = list(dict.fromkeys(c.situation for c in cells)), list(dict.fromkeys(c.policy for c in cells))
+    values = np.full((len(rows), len(columns)), np.nan)
+    width = max(5.5, 2 + 1.1 * len(columns))  # inches, of which the title needs 5.5
+    figure = Figure(figsize=(width, 1.5 + 0.42 * len(rows)), layout="constrained")
+    axes = figure.subplots()
+    for cell in cells:
+        i, j = rows.index(cell.situation), columns.index(cell.policy)
+        values[i, j] = max(cell.rms_median, 1e-3)
+        kept = "" if cell.kept == cell.flights else f"\n{100 * cell.kept / cell.flights:.0f} % kept"
+        axes.text(j, i, median_or_lost(cell) + kept, ha="center", va="center", fontsize=7)
+    image = axes.imshow(values, norm=LogNorm(0.05, 50), cmap="RdYlGn_r", aspect="auto")
+    axes.set_xticks(range(len(columns)), columns, rotation=35, ha="right", fontsize=8)
+    axes.set_yticks(range(len(rows)), rows, fontsize=8)
+    axes.set_title(f"Median RMS radius error, m, last 100 of 400 s, {cells[0].flights} flights a cell", fontsize=9)
+    figure.colorbar(image, ax=axes, label="m")
+    save(figure, path, dpi=130)
+
+
+def _times(value: float) -> str:
+    return f"{value:.2f}" if isfinite(value) else "never"
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    return "".join(f"| {' | '.join(cells)} |\n" for cells in (header, ["---"] * len(header), *rows))

@@ -1,0 +1,234 @@
+"""Many flights of a campaign at once: the emulator's ideal copters and their radios under the batch's guidance, without
+the messages.
+
+What the emulator and the mission file say clockwise from north is turned into the paper's frame by `mav.frames` here.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import fields, replace
+from math import atan2, ceil, hypot, pi, radians
+from typing import Any
+
+import numpy as np
+from circnav_sim.config import RandomStart
+from circnav_sim.config import Ranging as RangingConfig
+from circnav_sim.sensor import CHARACTERS
+from circnav_sim.starting import starting_body
+
+from circnav_mav.extras.batch.guidance import Authority, Guidance, estimator, fly
+from circnav_mav.extras.batch.sensors import NO_NOISE, OwnSenses, Radio, Ranging, Reading
+from circnav_mav.extras.batch.world import Airframe, Surroundings, Truth, World
+from circnav_mav.extras.campaign.lockstep import COMPLETED, Flight, Track
+from circnav_mav.extras.campaign.plan import Run
+from circnav_mav.guidance.maths import Array
+from circnav_mav.guidance.step import StepSettings
+from circnav_mav.guidance.types import SAME_TIME
+from circnav_mav.mav.frames import YawRate, course_from_yaw, turn_rate_from_yaw_rate
+
+SAID = {"distance_sensor": (0.01, 0.1594), "ranging_beacon": (1e-3, np.inf), "named_value_float": (np.inf, 0.0)}
+"""Least and largest standard deviation, m, that a message can tell; whatever is beyond is left to the mission."""
+
+
+def emulated_world(runs: Sequence[Run]) -> World:
+    """Vehicles, winds and targets. A copter that holds its speed over the ground is carried by no wind."""
+    bodies = [starting_body(run.vehicle, (0.0, 0.0)) for run in runs]
+    winds, targets = [run.vehicle.wind for run in runs], [run.vehicle.target for run in runs]
+    towards = _array(course_from_yaw(radians(wind.from_deg) + pi) for wind in winds)
+    courses = (course_from_yaw(atan2(t.velocity_east_mps, t.velocity_north_mps)) for t in targets)
+    turns = (turn_rate_from_yaw_rate(YawRate(radians(t.turn_rate_deg_s))) for t in targets)
+    around = Surroundings(
+        wind=_array(wind.speed_mps for wind in winds) * np.stack([np.cos(towards), np.sin(towards)]),
+        gust=_array(wind.gust_rms_mps for wind in winds),
+        gust_time=_array(wind.gust_time_s for wind in winds),
+        target_speed=_array(hypot(t.velocity_east_mps, t.velocity_north_mps) for t in targets),
+        target_course=_array(courses),
+        target_turn=_array(turns),
+        target_push=_array(t.acceleration_mps2 for t in targets),
+    )
+    airframe = Airframe(
+        speed=_array(run.mission.orbit.speed for run in runs),
+        limit=np.radians(_array(run.vehicle.vehicle.max_turn_rate_deg_s for run in runs)),
+        lag=_array(run.vehicle.vehicle.turn_lag_s for run in runs),
+    )
+    places = zip(bodies, targets, strict=True)
+    p = np.array([(body.east - target.east_m, body.north - target.north_m) for body, target in places]).T
+    carried = _array(run.vehicle.vehicle.dynamics == "airborne" for run in runs)
+    psi = _array(course_from_yaw(body.heading) for body in bodies)
+    return World(around, airframe, p, psi, _seeds(runs), carried)
+
+
+def emulated_radio(runs: Sequence[Run], every: int) -> Radio:
+    """Their radios, of which a sample comes `every` so many steps, and what the pilot reads of them."""
+    configs = [run.vehicle.ranging for run in runs]
+    kinds = [CHARACTERS[config.preset] for config in configs]
+    ranging = Ranging(
+        white=_array(map(white_noise, configs)),
+        drifting=_array(k.drift for k in kinds),
+        drift_time=_array(k.drift_time for k in kinds),
+        bias=_array(c.bias_m for c in configs),
+        loss=_array(1 - (1 - c.dropout_fraction) * (1 - k.loss) for c, k in zip(configs, kinds, strict=True)),
+        outlier_share=_array(c.outlier_fraction for c in configs),
+        outlier=_array(c.outlier_m for c in configs),
+        near_bias=_array(k.near_bias for k in kinds),
+        near=_array(k.near for k in kinds),
+        farthest=_array(c.max_range_m for c in configs),
+        gap_rate=_array(k.gap_rate for k in kinds),
+        gap=_array(k.gap for k in kinds),
+        every=every,
+    )
+    said = []  # the standard deviation that a range comes with: its message's, else the mission's
+    for run in runs:
+        (least, most), noise = SAID[run.mission.file.ranging.message], run.vehicle.ranging.noise_m
+        told = run.vehicle.ranging.report_accuracy and noise <= most
+        said.append(max(noise, least) if told else run.mission.file.ranging.sigma_m)
+    heights = (-starting_body(run.vehicle, (0.0, 0.0)).down - run.vehicle.target.altitude_m for run in runs)
+    reading = Reading(
+        sigma=_array(said),
+        least=_array(run.mission.file.ranging.min_range_m for run in runs),
+        most=_array(run.mission.max_range for run in runs),
+        height=_array(run.mission.file.orbit.height_above_target_m or 0.0 for run in runs),
+    )
+    return Radio(ranging, reading, _seeds(runs), _array(heights))
+
+
+def white_noise(config: RangingConfig) -> float:
+    """Standard deviation of the white noise of the emulator's ranges, m."""
+    white = CHARACTERS[config.preset].white
+    return config.noise_m if white is None else white
+
+
+def guidance_of(runs: Sequence[Run]) -> Guidance:
+    """The missions' guidance: one law and one estimator, every flight's own numbers."""
+    missions = [run.mission for run in runs]
+    each = [StepSettings.of(mission.orbit, mission.law) for mission in missions]
+    numbers = {f.name: _array(getattr(one, f.name) for one in each) for f in fields(StepSettings) if f.name != "law"}
+    settings = StepSettings(law=each[0].law, **numbers)
+    known = [mission.estimation for mission in missions]
+    estimation = replace(
+        known[0], speed=numbers["V"], max_turn_rate=numbers["limit"], gate=_array(one.gate for one in known),
+        min_samples=_array(one.min_samples for one in known),
+    )  # fmt: skip
+    gains = [mission.file.vehicle.turn_gain for mission in missions]
+    return Guidance(
+        settings,
+        estimator(missions[0].estimator, estimation, len(runs)),
+        len(runs),
+        lag=_array(mission.file.vehicle.turn_lag_s for mission in missions),
+        stale=missions[0].file.limits.stale_s,
+        answers=runs[0].vehicle.vehicle.turn_lag_s,
+        turn_gain=_array(1.0 if gain == "learn" else gain for gain in gains),
+        learns=np.array([gain == "learn" for gain in gains]),
+    )
+
+
+def _seeds(runs: Sequence[Run]) -> list[tuple[int]]:
+    return [(run.vehicle.seed,) for run in runs]
+
+
+def _array(values: Iterable[Any]) -> Array:
+    return np.array(list(values), float)
+
+
+NEVER = 1 << 40
+
+
+def opening(run: Run) -> tuple[float, float] | None:
+    """Times, s, of the first range that reaches the pilot and of the first setpoint: asked of one real flight beside
+    its target, in perfect weather and with a perfect radio, for a batch has no modes and no heartbeats. None if it
+    would never be engaged."""
+    vehicle, target = run.vehicle, run.vehicle.target
+    beside = target.north_m + run.mission.orbit.radius
+    clean = vehicle.changed(
+        start=vehicle.start.changed(random=RandomStart(), north_m=beside, east_m=target.east_m),
+        target=target.changed(velocity_north_mps=0.0, velocity_east_mps=0.0, acceleration_mps2=0.0),
+        ranging=vehicle.ranging.changed(preset="gaussian", noise_m=0.0, outlier_fraction=0.0, dropout_fraction=0.0),
+    )
+    flight = Flight(replace(run, vehicle=clean))
+    patience = 2 * run.mission.file.link.wait_s
+    heard = None
+    while flight.pilot.mission.engaged_at is None and not flight.pilot.done and flight.now < patience:
+        flight.step(patience)
+        if heard is None and flight.pilot.tracker.accepted:
+            heard = flight.now
+    steered = flight.pilot.mission.engaged_at
+    return None if heard is None or steered is None else (heard, steered)
+
+
+class Engagement(Authority):
+    """Which flights are ours: from the first good estimate after the opening, until the mission's time is over or there
+    was no good estimate for too long. engaged, ended (B,): steps. stopped (B,): whether it ended for want of ranges."""
+
+    def __init__(self, runs: Sequence[Run], begins: tuple[float, float], dt: float) -> None:
+        limits = runs[0].mission.file.limits
+        self._heard, self._first = (round(time / dt) for time in begins)
+        self._length, self._patience = round(limits.duration_s / dt), round(runs[0].mission.file.link.wait_s / dt)
+        self._hold = (limits.hold_s + SAME_TIME) / dt
+        self.engaged, self.ended = np.full(len(runs), NEVER), np.full(len(runs), NEVER)
+        self._good_at = np.full(len(runs), NEVER)
+        self.stopped = np.zeros(len(runs), bool)
+
+    def hears(self, step: int) -> Array:
+        return (step >= self._heard) & (step < self.ended)
+
+    def flies(self, step: int, good: Array) -> Array:
+        waits = self.engaged == NEVER
+        self.engaged = np.where(waits & good & (step >= self._first) & (self.ended == NEVER), step, self.engaged)
+        ours = (self.engaged <= step) & (step < self.ended)
+        self._good_at = np.where(good, step, self._good_at)
+        lost = ours & (step - self._good_at > self._hold)
+        over = ours & (step - self.engaged >= self._length)
+        given_up = (self.engaged == NEVER) & (self.ended == NEVER) & (step >= self._patience)
+        self.stopped |= lost & ~over
+        self.ended = np.where(lost | over | given_up, step, self.ended)
+        return ours & (step < self.ended)
+
+    def over(self, step: int) -> bool:
+        return not (self.ended > step).any()
+
+
+def time_step(run: Run) -> float:
+    """Of the batch that a run is flown in, s: as many to a range as bring it to the pilot's ticks at least."""
+    period = 1 / run.vehicle.ranging.rate_hz
+    return period / ceil(period * run.mission.file.limits.tick_hz - 1e-9)
+
+
+def fly_batch(runs: Sequence[Run]) -> list[Track] | None:
+    """Fly runs of one group; tracks in their order. None where a real flight shows that they would not be engaged."""
+    begins = opening(runs[0])
+    if begins is None:
+        return None
+    dt = time_step(runs[0])
+    world, engagement = emulated_world(runs), Engagement(runs, begins, dt)
+    radio = emulated_radio(runs, round(1 / runs[0].vehicle.ranging.rate_hz / dt))
+    path, turns, cuts = [], [], []
+
+    def record(step: int, true: Truth, command: Array, cut: Array) -> None:
+        path.append(true.p.astype(np.float32))
+        turns.append(command.astype(np.float32))
+        cuts.append(cut)
+
+    fly(world, radio, OwnSenses(NO_NOISE, []), guidance_of(runs), engagement, dt, record)
+    kept = np.stack(path), np.stack(turns), np.stack(cuts)
+    return [_track(run, flight, engagement, dt, *kept) for flight, run in enumerate(runs)]
+
+
+def _track(run: Run, flight: int, engagement: Engagement, dt: float, path: Array, turns: Array, cuts: Array) -> Track:
+    engaged, ended = int(engagement.engaged[flight]), int(engagement.ended[flight])
+    outcome, ours = COMPLETED, slice(engaged, ended)
+    if engaged == NEVER:
+        outcome, ours = "no ranging: no usable range", slice(0, 0)
+    elif engagement.stopped[flight]:
+        outcome = f"no range for {run.mission.file.limits.hold_s:.1f} s"
+    time = dt * np.arange(len(path[ours]), dtype=float)
+    return Track(
+        engine="batch",
+        start=(float(path[0, 0, flight]), float(path[0, 1, flight]), starting_body(run.vehicle, (0.0, 0.0)).heading),
+        engaged=engaged * dt if engaged != NEVER else None,
+        time=time,
+        east=path[ours, 0, flight].astype(float),
+        north=path[ours, 1, flight].astype(float),
+        outcome=outcome,
+        turn_time=time,
+        turn=turns[ours, flight].astype(float),
+        turn_cut=cuts[ours, flight],
+    )

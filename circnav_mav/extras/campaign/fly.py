@@ -1,0 +1,155 @@
+"""What every way of running a campaign runs: run numbers in, rows out. Flights that are alike enough fly in batches;
+whatever else is varied flies in lockstep."""
+
+import traceback
+from collections.abc import Collection, Iterable, Sequence
+from contextlib import suppress
+from typing import Any
+
+from circnav_sim.config import ConfigError
+
+from circnav_mav.extras.campaign.figures import failed_row, row
+from circnav_mav.extras.campaign.flights import fly_batch, time_step, white_noise
+from circnav_mav.extras.campaign.lockstep import fly_lockstep
+from circnav_mav.extras.campaign.plan import Campaign, Run, flat, prepare
+from circnav_mav.mission.load import MissionError
+
+OWN = frozenset({
+    "name", "vehicle.max_turn_rate_deg_s", "vehicle.max_bank_deg", "orbit.radius_m", "orbit.direction",
+    "orbit.height_above_target_m", "guidance.gain", "guidance.correct_radius", "guidance.min_samples",
+    "ranging.sigma_m", "ranging.min_range_m", "ranging.max_range_m", "link.sim_speed", "sim.seed", "sim.start.north_m",
+    "sim.start.east_m", "sim.start.altitude_m", "sim.start.heading_deg", "sim.vehicle.max_turn_rate_deg_s",
+    "sim.ranging.preset", "sim.ranging.noise_m", "sim.ranging.bias_m",
+    "sim.ranging.outlier_fraction", "sim.ranging.outlier_m", "sim.ranging.dropout_fraction",
+    "sim.ranging.clock_offset_s", "sim.ranging.max_range_m", "sim.ranging.report_accuracy", "sim.truth.rate_hz",
+})  # fmt: skip
+OWN_OF_KALMAN = OWN | {"vehicle.speed_mps", "vehicle.turn_lag_s", "guidance.gate_sigma", "sim.vehicle.turn_lag_s"}
+OWN_TABLES = ("sim.start.random.", "sim.target.", "sim.wind.")
+"""What each flight of a batch has of its own; flights of one batch share everything else."""
+MOST_SCATTER = 1.5
+"""Scatter of the ranges over what the mission says of it, from which on the pilot may find it out."""
+MOST_OUTLIERS = 0.13
+"""Share of outliers from which on the pilot may take them for noise."""
+
+
+def group(run: Run) -> tuple[tuple[str, str], ...]:
+    """What must be the same in all flights of a batch."""
+    own = OWN_OF_KALMAN if run.mission.estimator == "kalman" else OWN
+    values = dict(flat(run.mission.file.model_dump(exclude={"sim"}) | {"sim": run.vehicle.model_dump()}))
+    shared = (key for key in values if key not in own and not key.startswith(OWN_TABLES))
+    return tuple((key, repr(values[key])) for key in sorted(shared))
+
+
+def obstacle(run: Run) -> str | None:
+    """Why this flight needs lockstep, first what a batch does not model: other vehicles, what the pilot does beside
+    steering, radios that are not alike. None if a batch flies it."""
+    file, sim = run.mission.file, run.vehicle
+    airframe, start, ranging = sim.vehicle, sim.start, sim.ranging
+    ideal = airframe.profile == "arducopter" and airframe.dynamics != "realistic" and airframe.speed_lag_s == 0
+    hovers = start.armed and start.altitude_m != 0 and not start.speed_mps
+    wild = ranging.outlier_fraction > MOST_OUTLIERS and ranging.outlier_m > 2 * file.ranging.sigma_m
+    reasons = {
+        "[vehicle] is not the plain ArduPilot copter": run.mission.vehicle_key != ("ardupilot", "copter"),
+        "sim.vehicle is not the ideal copter (profile arducopter, dynamics unicycle or airborne)": not ideal,
+        "sim.start is not a hover in the air": not hovers,
+        "[[sim.events]] happen": bool(sim.events),
+        "the height comes from the altitude": run.mission.height.needs_altitude,
+        "sim.ranging.rate_hz is 0": ranging.rate_hz <= 0,
+        "sim.ranging.latency_s is not 0": ranging.latency_s > 0,
+        'sim.ranging.via = "autopilot" repeats ranges': ranging.via == "autopilot",
+        "ranges scatter more than ranging.sigma_m says": white_noise(ranging) > MOST_SCATTER * file.ranging.sigma_m,
+        "sim.ranging.outlier_fraction is so large that the pilot takes outliers for noise": wild,
+        "[ranging] resent or stamp is not the default": file.ranging.resent or file.ranging.stamp == "arrival",
+        "ranging.rate_name: a measured range rate": file.ranging.rate_name is not None,
+        "vehicle.max_turn_acceleration_deg_s2 is set": file.vehicle.max_turn_acceleration_deg_s2 is not None,
+        "guidance.radius_trim_per_s is not 0": file.guidance.radius_trim_per_s > 0,
+        "[bounds] are set": file.bounds != type(file.bounds)(),
+        "engage.on_takeover is not the default": file.engage.on_takeover != "end",
+    }
+    return next((reason for reason, found in reasons.items() if found), None)
+
+
+Row = dict[str, Any]
+BATCH_STEPS = 8_000_000
+"""Steps times flights of a chunk: what is kept of a step and flight takes 13 bytes."""
+MOST_IN_CHUNK = 1000
+"""Flights in a chunk: with more, numpy's own cost of a step does not matter any more."""
+MOST_LOOKED_AT = 64
+"""Flights among which one is looked for that a batch flies."""
+LEAST_CHUNKS = 4
+"""A small campaign is still cut into so many chunks, for that many processes."""
+
+
+def chunks(campaign: Campaign) -> list[range]:
+    """The runs, cut up in a way that depends on the campaign alone: a row never depends on who flies it with whom."""
+    size = max(1, min(_most_together(campaign), -(-campaign.runs // LEAST_CHUNKS)))
+    return [range(first, min(first + size, campaign.runs)) for first in range(0, campaign.runs, size)]
+
+
+def _most_together(campaign: Campaign) -> int:
+    """How many flights make a chunk: as many as memory holds of the first that a batch flies, one where none does."""
+    for number in range(min(campaign.runs, MOST_LOOKED_AT) if campaign.engine != "lockstep" else 0):
+        try:
+            run = prepare(campaign, number)
+        except (MissionError, ConfigError):
+            continue
+        if obstacle(run) is None:
+            steps = int(run.mission.file.limits.duration_s / time_step(run)) + 1
+            return min(MOST_IN_CHUNK, max(1, BATCH_STEPS // steps))
+    return 1
+
+
+def fly_chunk(campaign: Campaign, numbers: Iterable[int]) -> list[Row]:
+    """Fly some runs to their ends and return their rows in order."""
+    rows, alone = _fly_batches(campaign, numbers)
+    for run in alone:
+        try:
+            rows.append(row(run, fly_lockstep(run)))
+        except Exception as error:
+            where = traceback.extract_tb(error.__traceback__)[-1].name
+            said = " ".join(f"internal error: {type(error).__name__}: {error} ({where})".split())
+            rows.append(failed_row(run.number, run.values, said))
+    return sorted(rows, key=lambda done: int(done["run"]))
+
+
+def fly_part(campaign: Campaign, chunk: Sequence[int], wanted: Collection[int]) -> tuple[list[Row], list[int]]:
+    """The rows of those wanted runs of a chunk that fly together, and the numbers of those that take a flight each:
+    their rows need not wait for one another. A single run is always flown.
+
+    The whole batch is flown: how numpy sums up depends on how many fly together, and a row must not depend on where a
+    campaign was interrupted.
+    """
+    if len(chunk) == 1:
+        return fly_chunk(campaign, chunk), []
+    rows, alone = _fly_batches(campaign, chunk)
+    return [row for row in rows if row["run"] in wanted], [run.number for run in alone if run.number in wanted]
+
+
+def _fly_batches(campaign: Campaign, numbers: Iterable[int]) -> tuple[list[Row], list[Run]]:
+    """The rows of all but the runs that must be flown alone, and these. Nothing that a run does keeps the others from
+    being flown."""
+    rows: list[Row] = []
+    alone: list[Run] = []
+    together: dict[tuple[tuple[str, str], ...], list[Run]] = {}
+    for number in numbers:
+        try:
+            run = prepare(campaign, number)
+        except (MissionError, ConfigError) as error:
+            rows.append(failed_row(number, campaign.values(number), str(error)))
+            continue
+        reason = "the campaign wants lockstep" if campaign.engine == "lockstep" else obstacle(run)
+        if reason is None:
+            together.setdefault(group(run), []).append(run)
+        elif campaign.engine == "batch":
+            rows.append(failed_row(number, run.values, f"no batch flies this mission: {reason}"))
+        else:
+            alone.append(run)
+    for runs in together.values():
+        tracks = None
+        with suppress(Exception):  # one of them broke the arithmetic of all: each for itself
+            tracks = fly_batch(runs)
+        if tracks is None:
+            alone += runs
+        else:
+            rows += [row(run, track) for run, track in zip(runs, tracks, strict=True)]
+    return rows, alone

@@ -1,0 +1,91 @@
+"""One flight of a campaign as `fly` flies it: the pilot and the bundled vehicle in lockstep, MAVLink bytes between
+them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from circnav_sim.vehicle import Truth, Vehicle
+from numpy.typing import NDArray
+
+from circnav_mav.extras.campaign.plan import Run
+from circnav_mav.pilot import Ending, Pilot, TickRecord
+from circnav_mav.runlog.metrics import Column
+from circnav_mav.runtime.lockstep import Lockstep
+from circnav_mav.runtime.runner import turn
+
+COMPLETED = "completed"
+EXIT_TIME = 60.0
+"""Time, s, beyond the mission's own that a flight may take to wait, engage and give the vehicle back."""
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """What a flight leaves behind, whichever engine flew it: the true path while the vehicle was ours, relative to the
+    target, and how it ended.
+
+    start: east, north (m) of the target and heading (rad, clockwise from north) at time zero. engaged: s since then,
+    None if it never was. time: s since the engagement. outcome: "completed", or why not. turn_time, turn, turn_cut: of
+    every command its time (s since the engagement), turn rate (rad/s), and whether the limit cut it.
+    """
+
+    engine: str
+    start: tuple[float, float, float]
+    engaged: float | None
+    time: Column
+    east: Column
+    north: Column
+    outcome: str
+    turn_time: Column
+    turn: Column
+    turn_cut: NDArray[np.bool_]
+
+
+class Flight:
+    """A flight under way. ticks: those that commanded a turn."""
+
+    def __init__(self, run: Run) -> None:
+        self.pilot, self.vehicle = Pilot(run.mission.pilot_settings()), Vehicle(run.vehicle)
+        self.ticks = list[TickRecord]()
+        self._clock = Lockstep(self.vehicle)
+        self._links = self._clock.links(ranging_apart=self.pilot.settings.ranging_apart)
+
+    @property
+    def now(self) -> float:
+        """Simulated time, s."""
+        return self._clock.now()
+
+    def step(self, until: float) -> None:
+        """On to the next thing that happens, `until` at the latest."""
+        self._clock.advance(min(self.pilot.scheduler.due, until))
+        turn(self.pilot, self._links, self._clock, self.now)
+        self.ticks += (tick for tick in self.pilot.take_records() if tick.turn_rate is not None)
+
+
+def fly_lockstep(run: Run) -> Track:
+    """Fly one run to its end."""
+    flight = Flight(run)
+    pilot, mission, timing = flight.pilot, flight.pilot.mission, flight.pilot.settings.timing
+    start, truths, due = flight.vehicle.truth, list[Truth](), 0.0
+    until = timing.duration + timing.wait_link + timing.wait_ranging + timing.outage + EXIT_TIME
+    while not pilot.done and flight.now < until:
+        flight.step(until)
+        ours = mission.engaged_at is not None and mission.outcome is None
+        if ours and flight.now >= due - 1e-9 and flight.now - (mission.engaged_at or 0.0) < timing.duration - 1e-6:
+            truths.append(flight.vehicle.truth)
+            due = flight.now + timing.tick
+    ended = mission.outcome
+    outcome = COMPLETED if ended and ended.ending is Ending.COMPLETED else ended.reason if ended else "no end"
+    turns = np.array([(tick.time, tick.turn_rate, tick.saturated) for tick in flight.ticks], float).reshape(-1, 3)
+    path = np.array([(t.time, t.east - t.target_east, t.north - t.target_north) for t in truths]).reshape(-1, 3)
+    return Track(
+        engine="lockstep",
+        start=(start.east - start.target_east, start.north - start.target_north, start.heading),
+        engaged=mission.engaged_at,
+        time=path[:, 0] - (mission.engaged_at or 0.0),
+        east=path[:, 1],
+        north=path[:, 2],
+        outcome=outcome,
+        turn_time=turns[:, 0] - (mission.engaged_at or 0.0),
+        turn=turns[:, 1],
+        turn_cut=turns[:, 2] > 0,
+    )

@@ -1,0 +1,263 @@
+"""A campaign file, which mission, how often and what varies, and what every run of it flies: its values and seed follow
+from the campaign's seed and its number alone. Whatever is wrong in a file becomes one line."""
+
+import copy
+import tomllib
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from math import prod
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from circnav_sim.config import ConfigError, VehicleConfig, parse_vehicle
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from circnav_mav.mission.load import MissionError, in_words, load_mission, mission_of, put, read_text, read_toml
+from circnav_mav.mission.mission import Mission
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """A distribution and its numbers, or the values of a choice."""
+
+    kind: str
+    numbers: tuple[Any, ...]
+
+    def draw(self, rng: np.random.Generator) -> Any:
+        return DRAWS[self.kind](rng, *self.numbers)
+
+
+Spec = tuple[Any, ...] | Drawn
+"""The values of a grid, each in its turn; or a distribution."""
+DRAWS: dict[str, Callable[..., Any]] = {
+    "uniform": lambda rng, low, high: float(rng.uniform(low, high)),
+    "normal": lambda rng, mean, sigma: float(rng.normal(mean, sigma)),
+    "log_uniform": lambda rng, low, high: float(np.exp(rng.uniform(np.log(low), np.log(high)))),
+    "choice": lambda rng, *values: values[rng.integers(len(values))],
+}
+MOST = 1e300
+"""Largest bound of a draw: sums of two such numbers are numbers still."""
+FORMS = "a list, {uniform=[low, high]}, {log_uniform=[low, high]}, {normal=[mean, sigma]} or {choice=[...]}"
+
+
+def read_spec(value: Any) -> Spec:
+    """The spec of one key of [vary]. Raises ValueError that names the remedy of one that says nothing."""
+    if isinstance(value, list):
+        if not value:
+            raise ValueError("is an empty list, name at least one value")
+        return tuple(value)
+    if not isinstance(value, dict) or len(value) != 1:
+        raise ValueError(f"write {FORMS}, not {value!r}")
+    ((kind, numbers),) = value.items()
+    if kind not in DRAWS:
+        near = get_close_matches(kind, DRAWS, n=1)
+        hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(DRAWS)}"
+        raise ValueError(f"{kind}: unknown key, {hint}")
+    if not isinstance(numbers, list) or not numbers:
+        raise ValueError(f"{kind}: must be a list, not {numbers!r}")
+    if kind != "choice":
+        _check_numbers(kind, numbers)
+    return Drawn(kind, tuple(numbers))
+
+
+def _check_numbers(kind: str, numbers: list[Any]) -> None:
+    if len(numbers) != 2 or not all(type(number) in (int, float) and abs(number) <= MOST for number in numbers):
+        raise ValueError(f"{kind}: must be two numbers, neither of them above {MOST:g}, not {numbers!r:.80}")
+    first, second = numbers
+    if kind == "normal" and second < 0:
+        raise ValueError(f"normal: the standard deviation must be at least 0, not {second:g}")
+    if kind != "normal" and first > second:
+        raise ValueError(f"{kind}: [{first:g}, {second:g}] is empty, write the lower bound first")
+    if kind == "log_uniform" and first <= 0:
+        raise ValueError(f"log_uniform: must be above 0, not {first:g}")
+
+
+def flat(
+    table: Mapping[str, Any], before: str = "", whole: Callable[[Mapping[str, Any]], bool] = lambda table: False
+) -> Iterator[tuple[str, Any]]:
+    """(dotted key, value) pairs of nested tables; `whole` tells which tables are values themselves."""
+    for key, value in table.items():
+        if isinstance(value, Mapping) and value and not whole(value):
+            yield from flat(value, f"{before}{key}.", whole)
+        else:
+            yield before + key, value
+
+
+START = {f"start.{name}": f"sim.start.random.{name}" for name in ("range_m", "bearing_deg", "heading_deg")}
+"""The start as seen from the target, which the vehicle file only knows as bounds to draw from."""
+LEAST_TRIED, MOST_TRIED = 32, 256
+"""Runs tried with a value before it is refused: with all the other values of the grid, or so many drawn of them."""
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A campaign file read. mission: the table of the mission file; mission_text, text: of the files as written."""
+
+    where: str
+    mission: dict[str, Any]
+    mission_text: str
+    text: str
+    runs: int
+    seed: int
+    engine: str | None
+    specs: dict[str, Spec]
+
+    @property
+    def swept(self) -> dict[str, tuple[Any, ...]]:
+        """The keys with lists of values."""
+        return {key: spec for key, spec in self.specs.items() if isinstance(spec, tuple)}
+
+    @property
+    def cells(self) -> int:
+        """Points of the grid."""
+        return prod(len(values) for values in self.swept.values())
+
+    def values(self, run: int) -> dict[str, Any]:
+        """What run number `run` sets, by key, the emulator's seed included.
+
+        Runs go round the grid again and again; all points of one round meet the same draws and the same noise.
+        """
+        world, cell = divmod(run, self.cells)
+        values: dict[str, Any] = {}
+        for key, spec in self.specs.items():
+            if isinstance(spec, Drawn):
+                values[key] = spec.draw(np.random.default_rng([self.seed, world, zlib.crc32(key.encode())]))
+            else:
+                cell, which = divmod(cell, len(spec))
+                values[key] = spec[which]
+        seed = int(np.random.SeedSequence([self.seed, world]).generate_state(1)[0])
+        return {"sim.seed": seed} | values
+
+
+class CampaignError(Exception):
+    """A campaign that cannot be flown as written, or there, or kept in that folder; the message is one line with the
+    remedy."""
+
+
+class CampaignFile(BaseModel):
+    """The whole file."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    mission: Annotated[str, Field(min_length=1)]
+    runs: Annotated[int, Field(ge=1, le=10_000_000)]
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    engine: Literal["batch", "lockstep"] | None = None
+    vary: dict[str, Any]
+
+
+def load_campaign(path: str | Path, runs: int | None = None) -> Campaign:
+    """Read and validate a campaign file; `runs` replaces its number of flights. Raises CampaignError."""
+    path = Path(path)
+    try:
+        text = read_text(path)
+        table = read_toml(text, str(path))
+    except MissionError as error:
+        raise CampaignError(str(error)) from None
+    if "vehicle" in table and "vary" not in table:
+        raise CampaignError(f"{path}: is a mission file, fly it with: circnav fly {path}")
+    try:
+        file = CampaignFile.model_validate(table if runs is None else table | {"runs": runs})
+    except ValidationError as error:
+        raise CampaignError(f"{path}: {in_words(error, CampaignFile)}") from None
+    mission_path = path.parent / file.mission
+    try:
+        mission = load_mission(mission_path)
+    except MissionError as error:
+        raise CampaignError(f"{path}: mission: {error}") from None
+    if mission.file.sim is None or not mission.flies_sim:
+        raise CampaignError(f'{path}: mission: {file.mission}: needs a [sim] table and link.endpoint = "sim"')
+    return Campaign(
+        where=str(path),
+        mission=tomllib.loads(mission.text),
+        mission_text=mission.text,
+        text=text,
+        runs=file.runs,
+        seed=file.seed,
+        engine=file.engine,
+        specs=_specs(file.vary, str(path)),
+    )
+
+
+def _specs(vary: Mapping[str, Any], where: str) -> dict[str, Spec]:
+    """The specs by dotted key, whether the file wrote the key in quotes or as nested tables."""
+    specs: dict[str, Spec] = {}
+
+    def names_a_distribution(table: Mapping[str, Any]) -> bool:  # or nearly: what is misspelt is told as such
+        return any(get_close_matches(name, DRAWS, n=1, cutoff=0.75) for name in table)
+
+    for key, value in flat(vary, whole=names_a_distribution):
+        _check_alone(key, specs, where)
+        try:
+            specs[key] = read_spec(value)
+        except ValueError as error:
+            raise CampaignError(f"{where}: vary.{key}: {error}") from None
+    if not specs:
+        raise CampaignError(f'{where}: vary: is empty, name what varies: "sim.wind.speed_mps" = [0.0, 5.0]')
+    return specs
+
+
+def _check_alone(key: str, others: Iterable[str], where: str) -> None:
+    """No other key sets what this one does, or a part of it. Raises CampaignError."""
+    sets = f"{START.get(key, key)}."
+    for other in others:
+        if other == key:
+            raise CampaignError(f"{where}: vary: {key} is there twice, in two spellings: keep one")
+        taken = f"{START.get(other, other)}."
+        if sets.startswith(taken) or taken.startswith(sets):
+            raise CampaignError(f"{where}: vary: {other} and {key} set the same key: keep one")
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run ready to be flown: its number, its values, its mission and its vehicle, both checked."""
+
+    number: int
+    values: dict[str, Any]
+    mission: Mission
+    vehicle: VehicleConfig
+
+
+def prepare(campaign: Campaign, number: int) -> Run:
+    """The mission of a run through the loaders that every mission passes. Raises MissionError, ConfigError."""
+    values = campaign.values(number)
+    table = copy.deepcopy(campaign.mission)
+    where = f"{campaign.where}: vary"
+    for key, value in values.items():
+        path, given = START.get(key, key), [value, value] if key in START else value
+        put(table, path.split("."), given, f"{where}: {path}")
+    mission = mission_of(table, where)
+    if mission.file.sim is None or not mission.flies_sim:
+        raise MissionError(f'{where}: link.endpoint: must stay "sim"')
+    if len(mission.radii) > 1:
+        raise MissionError(f"{where}: orbit.radius_m: give one radius: a run of a campaign flies one circle")
+    return Run(number, values, mission, parse_vehicle(mission.file.sim, f"{where}: sim"))
+
+
+def hopeless(campaign: Campaign) -> str | None:
+    """Why a listed value, or all that is drawn, can never be flown; None if each can, with some other values."""
+    stride, points = 1, [(1, 1, 0)]
+    for values in campaign.swept.values():
+        points += [(stride, len(values), which) for which in range(len(values))]
+        stride *= len(values)
+    return next(filter(None, (_why_not(campaign, *point) for point in points)), None)
+
+
+def _why_not(campaign: Campaign, stride: int, values: int, which: int) -> str | None:
+    """Why no run can be flown that has value number `which` of a key of so many; None if any of a few can, which lie
+    here and there in the grid and among the draws. stride: of the key in the numbers of the grid's points."""
+    first, others = None, campaign.cells // values
+    rng = np.random.default_rng([campaign.seed, which])
+    for world in range(min(max(others, LEAST_TRIED), MOST_TRIED)):
+        other = world % others if others <= MOST_TRIED else int(rng.random() * others)
+        above, below = divmod(other, stride)
+        cell = (above * values + which) * stride + below
+        try:
+            prepare(campaign, world * campaign.cells + cell)
+            return None
+        except (MissionError, ConfigError) as error:
+            first = first or str(error)
+    return first

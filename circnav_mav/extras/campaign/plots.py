@@ -1,0 +1,178 @@
+"""Pictures of a campaign: the starts and what became of them, distributions, and the error against what was varied."""
+
+import json
+import re
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+
+from circnav_mav.extras.campaign.figures import figures, percentile
+from circnav_mav.extras.campaign.plan import START
+from circnav_mav.report.plots import STYLE, literal, save
+
+Rows = Sequence[dict[str, str]]
+LOST, LINE = "#c8501e", "#1f5fa8"
+MOST_LINES = 8
+BINS = 12
+
+
+def plot_campaign(
+    folder: Path, rows: Rows, keys: Sequence[str], swept: Sequence[str], title: str
+) -> tuple[list[Path], list[str]]:
+    """Draw what there is to see; returns the files, and a line for each that could not be drawn or written."""
+    done: list[Path] = []
+    problems: list[str] = []
+    with mpl.rc_context(STYLE):
+        for name, draw in _pictures(rows, keys, swept, literal(title)):
+            try:
+                save(draw(), folder / name)
+                done.append(folder / name)
+            except Exception as error:  # what was flown is not lost for a picture
+                said = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
+                problems.append(f"{folder / name}: could not be drawn: {said}")
+    return done, problems
+
+
+def _pictures(
+    rows: Rows, keys: Sequence[str], swept: Sequence[str], title: str
+) -> Iterator[tuple[str, Callable[[], Figure]]]:
+    """File names and what draws them."""
+    flown = [row for row in rows if row["rms_m"]]
+    if len({row["start_range_m"] + row["start_bearing_deg"] + row["start_heading_deg"] for row in rows}) > 2:
+        yield "starts.png", partial(_starts, [row for row in rows if row["start_range_m"]], title)
+    if len(flown) > 1:
+        yield "distributions.png", partial(_distributions, rows, title)
+        for key in keys:
+            if key not in START and len({row[key] for row in rows}) > 1:
+                yield f"error-{re.sub(r'[^A-Za-z0-9]+', '-', key)}.png", partial(_against, rows, key, swept, title)
+
+
+def _numbers(rows: Rows, key: str) -> Any:
+    return np.array([float(row[key] or "nan") for row in rows])
+
+
+def _starts(rows: Rows, title: str) -> Figure:
+    """Where the flights began, seen from the target, and how they were turned to it; coloured by what share of the
+    flights from there was kept."""
+    figure = Figure(figsize=(12, 5.5), layout="constrained")
+    figure.suptitle(f"{title}: starts, and the share of flights kept")
+    place, turned = figure.subplots(1, 2)
+    r, bearing, heading = (_numbers(rows, f"start_{name}") for name in ("range_m", "bearing_deg", "heading_deg"))
+    kept = np.array([row["kept"] == "true" for row in rows], float)
+    (away, towards), style = _shares(kept, r, np.radians(bearing))
+    place.scatter(away * np.sin(towards), away * np.cos(towards), **style)
+    place.plot(0, 0, "k+", ms=12, mew=2)
+    place.set_aspect("equal", adjustable="datalim")
+    place.set(xlabel="east of the target, m", ylabel="north of the target, m")
+    (away, off), style = _shares(kept, r, np.round((heading - bearing) % 360 - 180, 3))
+    drawn = turned.scatter(off, away, **style)
+    off_line = "start heading off the line to the target, deg (0: straight at it, right positive)"
+    turned.set(xlim=(-180, 180), xticks=range(-180, 181, 60), xlabel=off_line, ylabel="start range, m")
+    figure.colorbar(drawn, ax=turned, label="kept, %")
+    return figure
+
+
+def _shares(kept: Any, *coordinates: Any) -> tuple[Any, dict[str, Any]]:
+    """The points that differ in these coordinates; and as a style, what share, %, of the flights from each was kept,
+    and the size of a dot among so many."""
+    points, which = np.unique(np.stack(coordinates, axis=1), axis=0, return_inverse=True)
+    share = 100 * np.bincount(which.ravel(), kept) / np.bincount(which.ravel())
+    return points.T, {"c": share, "s": float(np.clip(8000 / len(share), 5, 40)), "cmap": "RdYlGn", "vmin": 0,
+                      "vmax": 100, "edgecolors": "#555555", "linewidths": 0.3}  # fmt: skip
+
+
+def _distributions(rows: Rows, title: str) -> Figure:
+    """How large the errors were, how long settling took, how close the flights came."""
+    figure = Figure(figsize=(12, 4), layout="constrained")
+    found, rows = figures(rows), [row for row in rows if row["rms_m"]]
+    others = (("not_engaged", "never engaged"), ("failed", "could not be flown"))
+    unflown = "".join(f", {found[name]} more {what}" for name, what in others if found[name])
+    figure.suptitle(f"{title}: {len(rows)} flights{unflown}")
+    error, settling, nearest = figure.subplots(1, 3)
+    rms, settled = np.maximum(_numbers(rows, "rms_m"), 1e-6), _numbers(rows, "settled_s")
+    error.hist(rms, bins=np.geomspace(rms.min(), max(rms.max(), rms.min() * 1.1), 40).tolist(), color=LINE)
+    error.set_xscale("log")
+    _label_decades(error.xaxis, rms)
+    error.axvline(found["rms_median"], color=LOST, lw=1, label=f"median {found['rms_median']:.3g} m")
+    error.legend()
+    never = int(np.isnan(settled).sum())
+    if never < len(rows):
+        settling.hist(settled[~np.isnan(settled)], bins=40, color=LINE)
+    settling.set_title(f"never: {never}", fontsize=9)
+    nearest.hist(_numbers(rows, "closest_m"), bins=40, color=LINE)
+    error.set_ylabel("flights")
+    labels = "RMS radius error of the last third, m", "time until within 5 % for good, s", "closest approach, m"
+    for axis, label in zip(figure.axes, labels, strict=True):
+        axis.set_xlabel(label)
+        axis.yaxis.set_major_locator(MaxNLocator(integer=True))
+    return figure
+
+
+def _label_decades(axis: Any, values: Any) -> None:
+    """Numbers on a logarithmic axis that do not run into one another, and are some within a single decade, too."""
+    ratio = values.max() / values.min()
+    subs = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8) if ratio < 5 else (1, 2, 3, 5) if ratio < 30 else (1,)
+    axis.set_major_locator(LogLocator(subs=subs, numticks=12))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
+    """The error of the flights that engaged, and what share of all was kept, against one value; a line for each value
+    of another swept key."""
+    figure = Figure(figsize=(8, 6.5), layout="constrained")
+    figure.suptitle(f"{title}: error against {literal(key)}")
+    error, share = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
+    others = [other for other in swept if other != key and len({row[other] for row in rows}) <= MOST_LINES]
+    values = [_json_or_text(row[key]) for row in rows]
+    numeric = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
+    names = list(dict.fromkeys(map(str, values)))
+    x = np.array(values if numeric else [names.index(str(value)) for value in values], float)
+    lines = np.array([row[others[0]] for row in rows] if len(others) == 1 else [""] * len(rows))
+    rms = np.maximum(_numbers(rows, "rms_m"), 1e-6)  # NaN: never engaged
+    kept = np.array([row["kept"] == "true" for row in rows])
+    labels = list(dict.fromkeys(lines))
+    for number, label in enumerate(labels):
+        mine = lines == label
+        colour = f"C{number}" if len(labels) > 1 else LINE
+        spots, parts = _binned(x[mine], key in swept)
+        known = [part[np.isfinite(part)] for part in (rms[mine][part] for part in parts)]
+        middle, low, high = (np.array([percentile(one, q) for one in known], float) for q in (50, 5, 95))
+        shift = 0.0 if numeric else 0.06 * (number - (len(labels) - 1) / 2)
+        style: dict[str, Any] = {"color": colour, "marker": "o", "ms": 4, "lw": 1.5 if numeric else 0}
+        error.errorbar(spots + shift, middle, [middle - low, high - middle], capsize=2, elinewidth=0.7,
+                       label=literal(label) or "median, 5 to 95 %", **style)  # fmt: skip
+        share.plot(spots + shift, [100 * kept[mine][part].mean() for part in parts], **style)
+    if not numeric:
+        share.set_xticks(range(len(names)), [literal(name) for name in names])
+    error.set_yscale("log")
+    _label_decades(error.yaxis, rms[np.isfinite(rms)])
+    error.set_ylabel("RMS radius error, m\n(median, 5 to 95 %)")
+    error.legend(title=literal(others[0]) if len(labels) > 1 else None, fontsize=8)
+    drawn = len(np.unique(x))
+    bins = "" if key in swept or drawn <= BINS else f" ({drawn} drawn values, in {BINS} bins of equally many flights)"
+    share.set(ylim=(-5, 105), ylabel="kept, %", xlabel=literal(key) + bins)
+    return figure
+
+
+def _binned(x: Any, exact: bool) -> tuple[Any, list[Any]]:
+    """Where to draw, and which flights belong there: every value of a grid, or bins of equally many flights."""
+    if exact or len(np.unique(x)) <= BINS:
+        spots = np.unique(x)
+        return spots, [x == spot for spot in spots]
+    parts = [part for part in np.array_split(np.argsort(x, kind="stable"), BINS) if len(part)]
+    return np.array([np.median(x[part]) for part in parts]), parts
+
+
+def _json_or_text(cell: str) -> Any:
+    """A varied value as it was: strings stand in the table without quotes."""
+    try:
+        return json.loads(cell)
+    except ValueError:
+        return cell

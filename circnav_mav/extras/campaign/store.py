@@ -1,0 +1,179 @@
+"""The folder of a campaign: the table, streamed row by row, and what it was flown with, so that it can be resumed."""
+
+import csv
+import errno
+import io
+import json
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+from circnav_mav.extras.campaign.figures import FIGURES, NUMBERS, SUMMARY, columns
+from circnav_mav.extras.campaign.plan import Campaign, CampaignError
+from circnav_mav.runlog.atomic_write import atomic_write
+from circnav_mav.runtime.lock import lock
+
+TABLE = "runs.csv"
+DECIMALS = 5
+"""Of a length in m: what comes after hangs on how many flights a batch has, where numpy sums up in another order."""
+TURN_DECIMALS = 4
+"""Of what is told of the turn command, for the same reason."""
+SOURCE = "campaign.toml"
+"""The campaign file as it is flown; whoever flies it holds it locked."""
+
+
+class Store:
+    """The table of a campaign. What was written stays readable and can be resumed, whatever happens afterwards. One
+    process at a time has the folder; nothing in it that is not this campaign's is written over."""
+
+    def __init__(self, folder: Path, campaign: Campaign, *, resume: bool = False) -> None:
+        """Make the folder, or open that of an earlier run of the same campaign. Raises CampaignError."""
+        self.folder, self.done = folder, set[int]()
+        self._columns, self._runs = columns(campaign), campaign.runs
+        self._path = folder / TABLE
+        sources = {SOURCE: campaign.text, "mission.toml": campaign.mission_text}
+        with ExitStack() as held:
+            try:
+                if folder.exists() and not (folder / SOURCE).is_file():
+                    if resume and self._begun():
+                        raise CampaignError(f"{folder}: cannot resume: {SOURCE} is missing; name another --out")
+                    self._refuse_foreign(sources)
+                folder.mkdir(parents=True, exist_ok=True)
+                held.enter_context(_lock(folder))
+                if self._begun():
+                    self._reopen(sources, resume)
+                else:
+                    self._refuse_foreign(sources)
+                    for name, text in sources.items():
+                        (folder / name).write_text(text, encoding="utf-8")
+                    self._path.write_bytes(_line(self._columns))
+                self._file = held.enter_context(self._path.open("ab", buffering=0))
+            except OSError as error:
+                raise CampaignError(f"{error.filename or folder}: cannot be used: {error.strerror or error}") from None
+            self._held = held.pop_all()
+
+    def add(self, rows: Iterable[dict[str, Any]]) -> None:
+        """Append the rows that are not there yet, each of them at once. Raises CampaignError."""
+        for row in rows:
+            if row["run"] in self.done:
+                continue
+            line = _line([_cell(name, row.get(name)) for name in self._columns])
+            with _refusing(self._path, "written", "; what is there can be resumed"):
+                if self._file.write(line) != len(line):
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            self.done.add(row["run"])
+
+    def close(self) -> None:
+        """No more rows; the folder is free for others."""
+        self._held.close()
+
+    def sort(self) -> None:
+        """Put the rows in the order of their runs, after the last of them: equal campaigns give equal files. Raises
+        CampaignError."""
+        with _refusing(self._path):
+            header, *lines = self._path.read_bytes().splitlines(keepends=True) or [b""]
+            lines.sort(key=lambda line: int(line.partition(b",")[0]))
+            with atomic_write(self._path) as fresh:
+                fresh.write_bytes(header + b"".join(lines))
+
+    def read(self) -> list[dict[str, str]]:
+        """The rows as text. Raises CampaignError."""
+        with _refusing(self._path), self._path.open(newline="", encoding="utf-8") as file:
+            return list(csv.DictReader(file))
+
+    def _begun(self) -> bool:
+        """Whether a row was written there; a header alone is of a campaign that nobody flew."""
+        return self._path.exists() and self._path.read_bytes().count(b"\n") > 1
+
+    def _refuse_foreign(self, sources: dict[str, str]) -> None:
+        """Nothing that a campaign writes over may be there but the beginnings of this very one. Raises CampaignError,
+        OSError."""
+        whole = {name: text.encode() for name, text in sources.items()} | {TABLE: _line(self._columns)}
+        if all(_bytes(self.folder / name) == text for name, text in whole.items()):
+            return
+        for path in sorted(self.folder.iterdir()):
+            of_ours = path.name in whole and whole[path.name].startswith(path.read_bytes())
+            if not of_ours and (path.name in {*whole, SUMMARY} or path.suffix == ".png"):
+                raise CampaignError(
+                    f"{self.folder}: holds {path.name}, which is not of this campaign: name another --out"
+                )
+
+    def _reopen(self, sources: dict[str, str], resume: bool) -> None:
+        """Take up where it stopped; a last line that was torn is dropped. Raises CampaignError, OSError."""
+        if not resume:
+            raise CampaignError(f"{self.folder}: holds a campaign already: --resume it, or name another --out")
+        for name, text in sources.items():
+            there = _bytes(self.folder / name)
+            if there != text.encode():
+                what = "has changed since" if there else "is missing"
+                raise CampaignError(f"{self.folder}: cannot resume: {name} {what}; name another --out")
+        data = self._path.read_bytes()
+        whole = data[: data.rfind(b"\n") + 1]
+        header, *lines = whole.splitlines(keepends=True)
+        if header != _line(self._columns):
+            raise CampaignError(f"{self._path}: cannot resume: its columns are of another version; name another --out")
+        if whole != data:
+            self._path.write_bytes(whole)
+        for number, line in enumerate(lines, 2):
+            run = self._whole(line)
+            if run is None or run in self.done:
+                raise CampaignError(f"{self._path}: line {number} is damaged: delete it, and its run is flown again")
+            self.done.add(run)
+        beyond = [run for run in self.done if run >= self._runs]
+        if beyond:
+            raise CampaignError(
+                f"{self._path}: holds run {min(beyond)} and more: ask for at least {max(beyond) + 1} --runs"
+            )
+
+    def _whole(self, line: bytes) -> int | None:
+        """The number of the run that a line tells of; None for a line that nobody wrote like this."""
+        try:
+            ((run, *cells),) = csv.reader([line.decode()], strict=True)
+            for name, cell in zip(self._columns[1:], cells, strict=True):
+                if name in NUMBERS and cell:
+                    float(cell)
+            return int(run) if run.isdecimal() else None
+        except (ValueError, csv.Error):
+            return None
+
+
+def _bytes(path: Path) -> bytes:
+    """Of a file; none where there is no file."""
+    return path.read_bytes() if path.is_file() else b""
+
+
+@contextmanager
+def _lock(folder: Path) -> Iterator[None]:
+    """Keeps other processes out of the folder. Raises CampaignError, OSError."""
+    with (folder / SOURCE).open("ab") as file:
+        if not lock(file):
+            raise CampaignError(f"{folder}: another process flies a campaign there: wait, or name another --out")
+        yield
+
+
+@contextmanager
+def _refusing(path: Path, what: str = "read or written", remedy: str = "") -> Iterator[None]:
+    """What the disk refuses, in one line. Raises CampaignError."""
+    try:
+        yield
+    except OSError as error:
+        raise CampaignError(f"{path}: cannot be {what}: {error.strerror or error}{remedy}") from None
+
+
+def _line(cells: Iterable[str]) -> bytes:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(cells)
+    return text.getvalue().encode()
+
+
+def _cell(name: str, value: Any) -> str:
+    """Figures with six digits, lengths to the hundredth of a millimetre; what was varied so that it can be flown again
+    exactly."""
+    if value is None or isinstance(value, str):
+        return " ".join(value.splitlines()) if value else ""
+    if isinstance(value, float) and name in FIGURES:
+        decimals = DECIMALS if name.endswith("_m") else TURN_DECIMALS if name.startswith("turn_") else None
+        return f"{value if decimals is None else round(value, decimals) + 0.0:.6g}"
+    return json.dumps(value)

@@ -1,0 +1,19 @@
+"""Where the target is on the map, live and from logs; and a position for an autopilot that has lost its own.
+
+Nothing in here steers: the core cannot import it.
+"""
+
+from circnav_mav.extension import Extension
+
+EXTENSION = Extension(
+    commands={"locate": "circnav_mav.extras.locate.commands:locate"},
+    tables={
+        "locate": "circnav_mav.extras.locate.settings:LocateTable",
+        "handback": "circnav_mav.extras.locate.settings:HandBackTable",
+    },
+    checks=["circnav_mav.extras.locate.settings:check_tables"],
+    onlooker="circnav_mav.extras.locate.onlooker:open_onlooker",
+    report_section="circnav_mav.extras.locate.report:report_section",
+    files=["handback.csv", "target.geojson", "target.kml", "target.png", "locate.geojson", "locate.kml", "locate.png"],
+    order=10,
+)

@@ -1,0 +1,34 @@
+"""The command `circnav locate`, described; `command` carries it out."""
+
+import click
+
+from circnav_mav.cli.describe import Finite, Folder, command
+
+ERROR = Finite(0.001, 1000)
+"""A standard deviation, m."""
+
+
+@command("circnav_mav.extras.locate.command:locate_log", short_help="Tell where the targets of a log are.")
+@click.argument("path", type=click.Path(), metavar="RUN|TLOG|CSV")
+@click.option("--tag", "tags", multiple=True, metavar="ID", help="Only this tag. May be repeated. [default: all]")
+@click.option(
+    "--sigma", type=ERROR, metavar="M", help="Noise of the ranges, where the log says none. [default: as it shows]"
+)
+@click.option("--gps-sigma", type=ERROR, default=1.5, metavar="M", help="Error of the positions.")
+@click.option("--bias", type=ERROR, default=2.0, metavar="M", help="How far ranges may be off together.")
+@click.option(
+    "--altitude", type=Finite(-1e6, 1e6), metavar="M", help="Of the target, where it is known; as the log counts it."
+)
+@click.option("--out", type=Folder(), metavar="DIR", help="Where to write. [default: beside the log]")
+def locate() -> None:
+    """Tell where the targets of a log are. Writes GeoJSON, KML and a picture.
+
+    A log is a run folder, a tlog with positions and ranges, or a CSV whose first line names time (s or ISO 8601),
+    latitude, longitude, range (m), and maybe altitude (m), sigma (m), tag. Exit codes: 0 located, 2 bad usage,
+    3 nothing to locate.
+
+    \b
+    Examples:
+        circnav locate runs/20260101-120000-quickstart
+        circnav locate collar.csv --tag 17 --out map
+    """

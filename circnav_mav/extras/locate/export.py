@@ -1,0 +1,152 @@
+"""The place for others: MAVLink messages, GeoJSON (RFC 7946), KML 2.2, Cursor on Target 2.0. Heights stay out of map
+coordinates: these formats mean the ellipsoid's, a vehicle counts from the sea."""
+
+import json
+import re
+from collections.abc import Iterable
+from datetime import UTC, datetime, timedelta
+from math import cos, isfinite, nan, pi, radians, sin
+from typing import Any
+from xml.etree import ElementTree as Xml
+
+from pymavlink.dialects.v20 import all as dialect
+
+from circnav_mav.extras.locate.place import Place
+from circnav_mav.guidance.types import Direction, Orbit
+from circnav_mav.mav.clocks import our_boot_ms
+from circnav_mav.mav.codec import Message
+from circnav_mav.mav.commands import Command
+
+UNKNOWN_ACCURACY = 2**32 - 1
+NOT_IN_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""Control characters, and what is no character."""
+
+
+def degrees_e7(place: Place) -> tuple[int, int]:
+    """Latitude and longitude in degrees times ten million."""
+    return round(place.latitude * 1e7), round(place.longitude * 1e7)
+
+
+def named_values(place: Place, now: float) -> list[Message]:
+    """For a ground station's graphs: m east and north of the vehicle's first position, standard deviation, speed."""
+    values = {"CN_TEAST": place.east, "CN_TNORTH": place.north, "CN_TSIG": place.sigma, "CN_TSPD": place.speed}
+    if place.up_known:
+        values["CN_TALT"] = place.up
+    stamp = our_boot_ms(now)
+    return [
+        dialect.MAVLink_named_value_float_message(stamp, name.encode(), value)
+        for name, value in values.items()
+        if isfinite(value)
+    ]
+
+
+def orbit_status(place: Place, orbit: Orbit, now: float) -> Message:
+    """ORBIT_EXECUTION_STATUS: QGroundControl draws the circle. Radius positive: clockwise. z: the target's altitude
+    above sea level, where it is known."""
+    x, y = degrees_e7(place)
+    radius = orbit.radius if orbit.direction is Direction.CLOCKWISE else -orbit.radius
+    z = place.up if place.up_known else 0.0
+    return dialect.MAVLink_orbit_execution_status_message(round(now * 1e6), radius, dialect.MAV_FRAME_GLOBAL, x, y, z)
+
+
+def own_beacon(place: Place, ident: int, slant: float, sigma: float, target: tuple[int, int], now: float) -> Message:
+    """RANGING_BEACON: the newest range with the id and the place of its beacon, mm; PX4 knows the message."""
+    x, y = degrees_e7(place)
+    altitude, vertical = (place.up, round(place.up_sigma * 1000)) if place.up_known else (nan, UNKNOWN_ACCURACY)
+    return dialect.MAVLink_ranging_beacon_message(
+        round(now * 1e6), *target, ident, round(slant * 1000), x, y, altitude, 0, round(place.sigma * 1000), vertical,
+        0, round(sigma * 1000), round(now * 10) % 256, 0,
+    )  # fmt: skip
+
+
+def camera(place: Place) -> Command:
+    """MAV_CMD_DO_SET_ROI_LOCATION."""
+    return Command(dialect.MAV_CMD_DO_SET_ROI_LOCATION, (0.0,) * 6 + (place.up,), degrees_e7(place))
+
+
+def position_estimate(
+    latitude: float, longitude: float, sigma: float, target: tuple[int, int], now: float, age: float
+) -> Message:
+    """MAV_CMD_EXTERNAL_POSITION_ESTIMATE. param1: time of sending, s; param2: age of the estimate, s; param3: one
+    standard deviation, m. ArduPilot wants z to be NaN and the frame to be GLOBAL."""
+    return dialect.MAVLink_command_int_message(
+        *target, dialect.MAV_FRAME_GLOBAL, dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE, 0, 0,
+        now % 10_000.0, age, sigma, 0.0, round(latitude * 1e7), round(longitude * 1e7), nan,
+    )  # fmt: skip
+
+
+UNKNOWN = "9999999.0"
+"""Cursor on Target's number for a height or an error that is not known."""
+COT_STALE = 30.0
+CORNERS = 72
+
+
+def ring(place: Place) -> list[list[float]]:
+    """The 95 % ellipse as longitude and latitude, counter-clockwise and closed."""
+    ellipse, azimuth = place.ellipse, radians(place.ellipse.azimuth)
+    points = []
+    for corner in range(CORNERS + 1):
+        angle = 2 * pi * (corner % CORNERS) / CORNERS
+        along, across = ellipse.major * cos(angle), ellipse.minor * sin(angle)
+        east = place.east + along * sin(azimuth) - across * cos(azimuth)
+        north = place.north + along * cos(azimuth) + across * sin(azimuth)
+        latitude, longitude = place.plane.to_degrees(east, north)
+        points.append([round(longitude, 8), round(latitude, 8)])
+    return points
+
+
+def geojson(places: dict[str, Place], track: Iterable[tuple[float, float]] = ()) -> str:
+    """A FeatureCollection: of each target the point and its ellipse, and the vehicle's track (latitude, longitude)."""
+    shapes: list[tuple[str, Any, dict[str, Any]]] = []
+    for name, place in places.items():
+        point = [round(place.longitude, 8), round(place.latitude, 8)]
+        shapes.append(("Point", point, {"name": name, **place.plain()}))
+        shapes.append(("Polygon", [ring(place)], {"name": f"{name}, 95 %"}))
+    way = [[round(longitude, 7), round(latitude, 7)] for latitude, longitude in track]
+    if len(way) > 1:
+        shapes.append(("LineString", way, {"name": "vehicle"}))
+    features = [
+        {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": properties}
+        for kind, coordinates, properties in shapes
+    ]
+    return json.dumps({"type": "FeatureCollection", "features": features}, indent=1, allow_nan=False)
+
+
+def kml(places: dict[str, Place]) -> str:
+    """Placemarks with their ellipses."""
+    root = Xml.Element("kml", xmlns="http://www.opengis.net/kml/2.2")
+    document = Xml.SubElement(root, "Document")
+    for given, place in places.items():
+        name = NOT_IN_XML.sub("?", given)
+        mark = Xml.SubElement(document, "Placemark")
+        Xml.SubElement(mark, "name").text = name
+        Xml.SubElement(mark, "description").text = place.words()
+        point = Xml.SubElement(mark, "Point")
+        Xml.SubElement(point, "coordinates").text = f"{place.longitude:.8f},{place.latitude:.8f}"
+        area = Xml.SubElement(document, "Placemark")
+        Xml.SubElement(area, "name").text = f"{name}, 95 %"
+        boundary = Xml.SubElement(Xml.SubElement(area, "Polygon"), "outerBoundaryIs")
+        corners = " ".join(f"{longitude:.8f},{latitude:.8f}" for longitude, latitude in ring(place))
+        Xml.SubElement(Xml.SubElement(boundary, "LinearRing"), "coordinates").text = corners
+    Xml.indent(root)
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root, encoding="unicode") + "\n"
+
+
+def cursor_on_target(place: Place, name: str, epoch_us: int, now: float) -> bytes:
+    """One event of an unknown thing on the ground. ce: one standard deviation, m, as the format means it."""
+    time = datetime.fromtimestamp(epoch_us / 1e6, UTC) + timedelta(seconds=now)
+    words: dict[str, Any] = {"version": "2.0", "uid": f"circnav.{name}", "type": "a-u-G", "how": "m-f"}
+    event = Xml.Element("event", words | {"time": _zulu(time), "start": _zulu(time)})
+    event.set("stale", _zulu(time + timedelta(seconds=COT_STALE)))
+    where = {"lat": f"{place.latitude:.8f}", "lon": f"{place.longitude:.8f}", "hae": UNKNOWN}
+    Xml.SubElement(event, "point", where | {"ce": f"{place.sigma:.1f}", "le": UNKNOWN})
+    detail = Xml.SubElement(event, "detail")
+    Xml.SubElement(detail, "contact", callsign=name)
+    if place.moves:
+        Xml.SubElement(detail, "track", course=f"{place.course:.1f}", speed=f"{place.speed:.2f}")
+    Xml.SubElement(detail, "remarks").text = place.words()
+    return b'<?xml version="1.0" encoding="UTF-8" standalone="yes"?>' + Xml.tostring(event)
+
+
+def _zulu(time: datetime) -> str:
+    return time.strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3] + "Z"

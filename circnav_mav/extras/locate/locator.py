@@ -1,0 +1,396 @@
+"""The survey of a flight: positions and ranges in, the target's place and what is said of it out. No socket, no clock.
+
+Speaks as a component of its own, so that what the pilot sends stays what it is, byte for byte; and never says anything
+that moves the vehicle: `SAYS` is all there is.
+"""
+
+from cmath import rect
+from collections import deque
+from collections.abc import Hashable, Iterable
+from dataclasses import dataclass
+from itertools import islice
+from math import hypot, isfinite
+
+import numpy as np
+from pymavlink.dialects.v20 import all as dialect
+
+from circnav_mav.extras.locate.estimator import Knowledge, NotYet, Ranges, Track
+from circnav_mav.extras.locate.export import camera, named_values, orbit_status, own_beacon
+from circnav_mav.extras.locate.handback import (
+    FUSES,
+    RECEIVERS,
+    REPORTS,
+    DeadReckoning,
+    HandBack,
+    HandBackSettings,
+    Health,
+)
+from circnav_mav.extras.locate.place import Place, Plane
+from circnav_mav.extras.locate.watch import Culprit, GpsWatch, Look, angle_between
+from circnav_mav.guidance.types import OwnMotion, RangeSample, RelativeMotion
+from circnav_mav.mav.clocks import BOOT_WRAP, RemoteClock
+from circnav_mav.mav.codec import Decoder, Encoder, Message
+from circnav_mav.mav.commands import Command, CommandSender, StreamRequests, once
+from circnav_mav.mav.framing import frame_at
+from circnav_mav.mav.own_motion import ATTITUDE_MAX_AGE
+from circnav_mav.mav.signing import Signing
+from circnav_mav.mav.statustext import Announcer
+from circnav_mav.pilot import VEHICLE, OutputMode, Pilot
+
+WANTED = frozenset({
+    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_GPS_RAW_INT, dialect.MAVLINK_MSG_ID_GPS2_RAW,
+    dialect.MAVLINK_MSG_ID_COMMAND_ACK, *REPORTS.values(),
+})  # fmt: skip
+STREAMS = {dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0, dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 2.0}
+SECOND = dialect.MAVLINK_MSG_ID_GPS2_RAW
+"""Of a second receiver, where the vehicle has one."""
+SAYS = frozenset({"NAMED_VALUE_FLOAT", "STATUSTEXT", "ORBIT_EXECUTION_STATUS", "RANGING_BEACON", "COMMAND_LONG",
+                  "COMMAND_INT"})  # fmt: skip
+"""Types of the messages that may leave here; of commands those of COMMANDS."""
+COMMANDS = frozenset({
+    dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_DO_SET_ROI_LOCATION, dialect.MAV_CMD_DO_SET_ROI_NONE,
+    dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE,
+})  # fmt: skip
+REBOOTED = 5.0
+"""Time, s, by which the vehicle's clock is off when it has started again."""
+WINDOW = 600.0
+"""Newest time, s, that the place is made from."""
+MOST_KEPT = 2000
+GONE = 10.0
+"""Silence of the vehicle, s, after which nothing is given back any more."""
+AFTER = {dialect.MAVLINK_MSG_ID_ATTITUDE: 10.0, dialect.MAVLINK_MSG_ID_VFR_HUD: 5.0}
+"""Streams that dead reckoning needs when the pilot has given its own back, message id -> Hz."""
+SOLVE_EVERY, TELL_EVERY, TEXT_EVERY = 1.0, 1.0, 30.0
+SOLVE_SHARE = 0.03
+"""Of the time that the positions span, between two estimates: one takes up to half a second, and the more there is to
+go by, the less a new second tells."""
+HEIGHT_SIGMA = 5.0
+"""Standard deviation, m, of a height that the mission gives: a barometer's drift and an operator's guess."""
+HOME_SIGMA = 50.0
+"""Of the height of a target of which nothing is said, above home, m."""
+FRESH_RANGE = 2.0
+"""Age, s, up to which ranges tell where the vehicle is."""
+
+
+@dataclass(frozen=True, slots=True)
+class LocateSettings:
+    """component: the id to speak under. gps_sigma, range_bias_sigma: standard deviations, m. beacon: whether to send
+    RANGING_BEACON with the place filled in. camera: whether to point the camera at the place."""
+
+    component: int
+    gps_sigma: float = 1.5
+    range_bias_sigma: float = 2.0
+    beacon: bool = False
+    camera: bool = False
+    handback: HandBackSettings | None = None
+
+
+class Locator:
+    """Hears what the pilot hears, after it. Nothing goes from here to the pilot."""
+
+    def __init__(self, settings: LocateSettings, pilot: Pilot, signing: Signing | None = None) -> None:
+        self._settings, self._pilot = settings, pilot
+        self._decoder = Decoder(wanted=WANTED)
+        self._encoder = Encoder(1, settings.component, signing)
+        self._announcer, self._commands = Announcer(), CommandSender()
+        self._streams: StreamRequests | None = None
+        self.plane: Plane | None = None
+        self.place: Place | None = None
+        self.why = "no position of the vehicle"
+        """Why there is no place, for people."""
+        self.watch = GpsWatch()
+        self.handback = HandBack(settings.handback) if settings.handback else None
+        self._health, self._reckoning = Health(), DeadReckoning()
+        self.only_hand_back = False
+        """Whether the survey has failed, and a position is given back by what is known."""
+        self.problem: str | None = None
+        """What has failed, for people."""
+        self._track: deque[tuple[float, float, float, float]] = deque()
+        self._ranges: deque[tuple[float, float, float]] = deque()
+        self._accepted = 0
+        self._gps_sigma = settings.gps_sigma
+        self._home = 0.0
+        self._clock = RemoteClock(pilot.session.timesync.told, wrap=BOOT_WRAP)
+        self._solve_at = self._tell_at = 0.0
+        self._solved_to = float("-inf")
+        self._said_at = float("-inf")
+        self._said: Place | None = None
+        self._culprit: Culprit | None = None
+        self._aims, self._aimed = settings.camera, False
+        self._aimed_at: Place | None = None
+        self._alone = self._ended = False
+        self.called_off = False
+        """Whether nothing is given beyond the end of guidance."""
+        self._now = 0.0
+        self.cot_due = False
+
+    # --- in ---------------------------------------------------------------------------------------------------------
+
+    def hear(self, link: str, source: Hashable, frames: Iterable[bytes], now: float) -> None:
+        """Whole frames that are believed, after the pilot has had them."""
+        session, tracker = self._pilot.session, self._pilot.tracker
+        if link == VEHICLE and session.peer is not None and source == session.peer.source:
+            for frame in frames:
+                header = frame_at(frame, 0)  # most are of no interest: that is cheaper than to decode them
+                if header is None or (header.system, header.component) != session.vehicle_ids:
+                    continue
+                if self._streams is not None:
+                    self._streams.heard(header.ident)
+                for message in self._decoder.decode(frame) if header.ident in WANTED else ():
+                    self._take(message, now)
+        fresh, self._accepted = tracker.accepted - self._accepted, tracker.accepted
+        if not self.only_hand_back:
+            for sample in list(tracker.recent)[-fresh:] if fresh > 0 else ():
+                self._range(sample, now)
+
+    def _take(self, message: Message, now: float) -> None:
+        kind = message.get_type()
+        if kind in RECEIVERS or kind in FUSES:
+            self._health.hear(message, now)
+        if kind == "GPS_RAW_INT":
+            reported = message.h_acc / 1000 / 1.414 if message.h_acc else 0.0  # of one axis; 0: not known
+            self._gps_sigma = max(self._settings.gps_sigma, min(reported, 100.0))
+        elif kind == "COMMAND_ACK":
+            us = self._encoder.system, self._settings.component
+            self._commands.acknowledge(message, us, now)
+            if self.handback is not None:
+                self.handback.answered(message, us, now)
+        elif kind == "GLOBAL_POSITION_INT" and 0 < max(abs(message.lat), abs(message.lon) / 2) <= 90e7:
+            self._position(message, now)
+
+    @property
+    def track(self) -> list[tuple[float, float]]:
+        """Latitude and longitude of the positions by which the place was made."""
+        if self.plane is None:
+            return []
+        return [self.plane.to_degrees(east, north) for _, east, north, _ in self._track]
+
+    def _position(self, message: Message, now: float) -> None:
+        latitude, longitude, up = message.lat / 1e7, message.lon / 1e7, message.alt / 1000
+        fix = self._health.has_fix(now)
+        if self.plane is None and fix:
+            self.plane = Plane(latitude, longitude)
+        if self.plane is None:
+            return
+        east, north = self.plane.to_metres(latitude, longitude)
+        self._home = up - message.relative_alt / 1000
+        if self.handback is not None:
+            self.handback.reported(east, north, self._reckoning.where, now)
+        if not fix or self.only_hand_back:
+            return  # a position without GPS is the autopilot's own dead reckoning
+        # by the vehicle's own clock: on the way it may have waited, and V times that is metres
+        stamp = self._clock.unwrapped(message.time_boot_ms / 1000)
+        if self._clock.newest is not None and abs(stamp - self._clock.newest) > now - self._clock.newest_at + REBOOTED:
+            self._clock.reset()  # the vehicle has started again
+        time = self._clock.local(stamp, now)
+        self._clock.take(stamp, now)
+        self._look(east, north, up, time, now)
+        if self.watch.trusts_positions and not (self._track and time <= self._track[-1][0]):
+            self._track.append((time, east, north, up))
+            while now - self._track[0][0] > WINDOW:
+                self._track.popleft()
+
+    def _range(self, sample: RangeSample, now: float) -> None:
+        if self._ranges and sample.time <= self._ranges[-1][0]:
+            return
+        if self.watch.trusts_positions or self.watch.culprit is None:
+            slant = hypot(sample.r, self._pilot.tracker.height.at(now) or 0.0)
+            self._ranges.append((sample.time, slant, max(sample.sigma * sample.r / max(slant, 1e-3), 0.02)))
+        while self._ranges and now - self._ranges[0][0] > WINDOW:
+            self._ranges.popleft()
+        if len(self._ranges) > MOST_KEPT:  # every second one: to hand over thousands would cost a tick
+            self._ranges = deque(islice(self._ranges, 0, None, 2))
+
+    def _look(self, east: float, north: float, up: float, time: float, now: float) -> None:
+        """Let the watch compare the position of a time with the range and the bearing of then."""
+        place, own, tracker = self.place, self._own(now), self._pilot.tracker
+        range_off = bearing_off = None
+        if place is not None and tracker.newest is not None and now - tracker.newest.time < 1.0:
+            there = place.at(time)
+            way = there.east - east, there.north - north
+            sigma = hypot(there.sigma, self._gps_sigma, tracker.newest.sigma)
+            height = tracker.height.at(now)
+            flat = hypot(*way) if height is not None else hypot(*way, there.up - up)
+            range_off = tracker.newest.r - flat - place.bias, sigma
+            relative = self._relative(time)
+            if relative is not None and hypot(*way) > 10:
+                off = angle_between((-relative.x, -relative.y), way)
+                bearing_off = off, (relative.sigma + sigma) / hypot(*way) + 0.05
+        air = None if own is None else rect(own.airspeed, own.heading)
+        self.watch.see(Look(now, east, north, air, range_off, bearing_off))
+        if bearing_off is not None and self.watch.trusts_positions:
+            self._reckoning.compass.learn(rect(1.0, bearing_off[0]), now)
+        if self.watch.culprit is Culprit.BEACON and self.place is not None:
+            # the beacon has moved, or another one answers: what was surveyed is no longer so
+            self.place = None
+            self._track.clear()
+            self._ranges.clear()
+            self.watch.forget_ranges()
+
+    def _relative(self, time: float) -> RelativeMotion | None:
+        """Where the vehicle is from the target by ranges and compass, where that is trusted."""
+        estimate = self._pilot.tracker.estimator.at(time)
+        relative = estimate.relative if estimate else None
+        return relative if relative is not None and relative.trusted else None
+
+    # --- the estimate -----------------------------------------------------------------------------------------------
+
+    def job(self, now: float) -> tuple[Plane, Track, Ranges, Knowledge, Place | None] | None:
+        """What to call `locate` with, when that is due: it takes some hundredths of a second, so somebody else does."""
+        if now < self._solve_at or self.plane is None or len(self._track) < 2 or not self._ranges:
+            return None
+        newest = self._track[-1][0]
+        self._solve_at = now + max(SOLVE_EVERY, SOLVE_SHARE * (newest - self._track[0][0]))
+        if not self.watch.trusts_positions or newest == self._solved_to:
+            return None
+        self._solved_to = newest
+        track = Track(*np.array(self._track).T)
+        ranges = Ranges(*np.array(self._ranges).T)
+        height = self._pilot.tracker.height.at(now)
+        up, sigma = (self._home, HOME_SIGMA) if height is None else (self._track[-1][3] - height, HEIGHT_SIGMA)
+        known = Knowledge(up=up, up_sigma=sigma, gps_sigma=self._gps_sigma, bias_sigma=self._settings.range_bias_sigma)
+        return self.plane, track, ranges, known, self.place
+
+    def found(self, place: Place | NotYet) -> None:
+        """The answer to a job. What was found before stays where nothing is found now."""
+        if isinstance(place, Place):
+            self.place = place
+        else:
+            self.why = place.why
+
+    # --- out --------------------------------------------------------------------------------------------------------
+
+    @property
+    def busy(self) -> bool:
+        """Whether there is something to do after guidance has ended: to give a position, and then the streams back."""
+        return self._gives or (self._alone and not self._ended and self._pilot.session.up)
+
+    @property
+    def _gives(self) -> bool:
+        back, session = self.handback, self._pilot.session
+        if back is None or not back.begun or self.called_off:
+            return False
+        return session.vehicle.armed and session.heartbeat_age(self._now) < GONE
+
+    def step(self, now: float) -> list[bytes]:
+        """The frames due now."""
+        session, mode = self._pilot.session, self._pilot.settings.output_mode
+        self._now = now
+        if session.peer is None:
+            return []
+        self._encoder.system = session.encoder.system
+        messages: list[Message] = []
+        place = None if self.place is None else self.place.at(now)
+        whole = not self.only_hand_back
+        if whole and place is not None and now >= self._tell_at:
+            self._tell_at, self.cot_due = now + TELL_EVERY, True
+            messages += self._tell(place, now, mode)
+        if mode is not OutputMode.SHADOW:
+            messages += self._requests(place, now)
+        if whole and mode is not OutputMode.SHADOW:
+            self._say(place, now)
+            messages += self._announcer.texts(now)
+        return [self._encode(message) for message in messages]
+
+    def _tell(self, place: Place, now: float, mode: OutputMode) -> list[Message]:
+        messages = named_values(place, now)
+        if mode is OutputMode.SHADOW or self._pilot.done:
+            return messages
+        messages.append(orbit_status(place, self._pilot.controller.orbit, now))
+        newest = self._pilot.tracker.newest
+        if self._settings.beacon and newest is not None:
+            slant = hypot(newest.r, self._pilot.tracker.height.at(now) or 0.0)
+            ident = self._pilot.settings.ranging.beacon_id or 0
+            messages.append(own_beacon(place, ident, slant, newest.sigma, self._pilot.session.vehicle_ids, now))
+        return messages
+
+    def _requests(self, place: Place | None, now: float) -> list[Message]:
+        """Streams, the camera, and the position that is given back."""
+        session, done = self._pilot.session, self._pilot.done
+        assert session.peer is not None
+        target, flies = session.peer.ids, self._pilot.settings.output_mode is OutputMode.FLY
+        farewell = self._stream(now, done=done)
+        for result in self._commands.take_results():
+            if result.command.number == dialect.MAV_CMD_DO_SET_ROI_LOCATION:
+                self._aims &= not result.refused
+                self._aimed_at = self._aimed_at if result.accepted else None  # without an answer, again
+            elif result.refused and self._streams and result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
+                self._streams.denied(result.command)
+        if flies and (done or self._aims) and not self.only_hand_back:
+            self._aim(None if done else place)
+        messages = farewell + self._commands.poll(target, now)
+        if flies and self.handback is not None:
+            messages += self._give_back(self.handback, place, target, now)
+        return messages
+
+    def _stream(self, now: float, *, done: bool) -> list[Message]:
+        """Ask for the streams that are due; when all is over, what gives the vehicle its own rates back."""
+        session = self._pilot.session
+        assert session.peer is not None
+        if self._streams is None or (done and not self._alone and self._gives):
+            self._alone = done  # from then on the pilot's own streams are given back
+            health = {REPORTS[session.adapter.firmware.key]: 2.0, SECOND: 2.0} if self.handback else {}
+            self._streams = StreamRequests(STREAMS | health | (AFTER if done else {}), maybe={SECOND})
+        if not done or self._gives:
+            for request in self._streams.poll(now):
+                self._commands.send(request)
+            return []
+        ended, self._ended = self._ended, True
+        return [] if ended else [once(request, session.peer.ids) for request in self._streams.give_back()]
+
+    def _aim(self, place: Place | None) -> None:
+        """Point the camera where the place has moved to; None: let go of it."""
+        before = self._aimed_at
+        if place is None:
+            if self._aimed:
+                self._aimed = False
+                self._commands.drop(dialect.MAV_CMD_DO_SET_ROI_LOCATION)
+                self._commands.send(Command(dialect.MAV_CMD_DO_SET_ROI_NONE))
+        elif before is None or (place.time - before.time > 1.0 and place.distance(before) > max(2.0, place.sigma / 2)):
+            self._aimed, self._aimed_at = True, place
+            self._commands.drop(dialect.MAV_CMD_DO_SET_ROI_LOCATION)
+            self._commands.send(camera(place))
+
+    def _give_back(self, back: HandBack, place: Place | None, target: tuple[int, int], now: float) -> list[Message]:
+        """The position for an autopilot that has lost its own, when it is due."""
+        given, newest = back.settings.place, self._pilot.tracker.newest
+        if given is not None:
+            self.plane = self.plane or Plane(*given)
+            east, north = self.plane.to_metres(*given)
+            place = Place(now, self.plane, east, north, 0.0, np.eye(2), up_sigma=HOME_SIGMA, up_known=False)
+        if self.plane is None:
+            return []
+        fresh = newest is not None and now - newest.time < FRESH_RANGE
+        self._reckoning.step(now, self._own(now), place, self._pilot.tracker.estimator.at(now) if fresh else None)
+        good = self._health.good(now) if self._pilot.session.vehicle.armed else None
+        message = back.step(now, good=good, where=self._reckoning.where, plane=self.plane, target=target)
+        return [] if message is None else [message]
+
+    def _own(self, now: float) -> OwnMotion | None:
+        """How the vehicle moves through the air, unless that is stale."""
+        own = self._pilot.own
+        return own if own is not None and now - own.time <= ATTITUDE_MAX_AGE else None
+
+    def _say(self, place: Place | None, now: float) -> None:
+        """STATUSTEXT: the place when it is first known and when it has moved; alarms as they begin and end."""
+        culprit = self.watch.culprit
+        if culprit is not self._culprit:
+            self._culprit = culprit
+            severity = dialect.MAV_SEVERITY_WARNING if culprit else dialect.MAV_SEVERITY_NOTICE
+            text = f"GPS WATCH: {culprit.value} likeliest wrong" if culprit else "GPS, ranges agree again"
+            self._announcer.say("watch", text, severity=severity)
+        if place is None or now - self._said_at < TEXT_EVERY:
+            return
+        if self._said is None or place.distance(self._said) > max(place.sigma, 1.0) / 2:
+            self._said_at, self._said = now, place
+            sigma = f"{place.sigma:.1f}" if isfinite(place.sigma) else "?"
+            self._announcer.say("place", f"target {place.latitude:.6f} {place.longitude:.6f} {sigma} m")
+            if place.up_known:  # one text is as long as may be
+                self._announcer.say("altitude", f"target altitude {place.up:.1f} +-{place.up_sigma:.1f} m")
+
+    def _encode(self, message: Message) -> bytes:
+        """One frame; only what may be said. Raises ValueError."""
+        kind = message.get_type()
+        if kind not in SAYS or (kind.startswith("COMMAND") and message.command not in COMMANDS):
+            raise ValueError(f"{kind} must not leave the survey")
+        return self._encoder.encode(message)

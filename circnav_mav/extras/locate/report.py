@@ -1,0 +1,64 @@
+"""What the survey adds to a flight's verdict and report."""
+
+from typing import Annotated, Any, Self
+
+from pydantic import BaseModel, Field, ValidationError, model_validator
+
+from circnav_mav.runlog.run_folder import Flag, Number, Run
+
+
+class SurveyedPlace(BaseModel):
+    """The place of the target in summary.json. A moving one has a course."""
+
+    latitude_deg: Annotated[Number, Field(ge=-90, le=90)]
+    longitude_deg: Annotated[Number, Field(ge=-180, le=180)]
+    altitude_m: Number | None
+    sigma_m: Number
+    time_s: Number
+    moves: Flag
+    speed_mps: Number
+    course_deg: Number | None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.moves and self.course_deg is None:
+            raise ValueError("what moves has a course")
+        return self
+
+
+def surveyed_place(run: Run) -> SurveyedPlace | None:
+    """Return the place in a run's summary, None if there is none or it is damaged."""
+    try:
+        return SurveyedPlace.model_validate(run.unread.get("place"))
+    except ValidationError:
+        return None
+
+
+def verdict_lines(found: dict[str, Any]) -> list[str]:
+    """Describe the place of the target, the alarms of the GPS watch and the hand-back, as lines of the verdict."""
+    lines, place, back = [], found["place"], found["handback"]
+    if place:
+        height, moves = place["altitude_m"], ""
+        if place["moves"]:
+            moves = f", moves {place['speed_mps']:.1f} m/s towards {place['course_deg']:03.0f} deg"
+        tall = "height not observable" if height is None else f"altitude {height:.1f} m"
+        where = f"{place['latitude_deg']:.7f} {place['longitude_deg']:.7f} +-{place['sigma_m']:.1f} m"
+        lines.append(f"  target     {where}{moves}, {tall}")
+    lines += [f"  WARNING    GPS watch, {one['time_s']:.0f} s: {one['text']}" for one in found["gps_watch"]]
+    if back and back["sent"]:
+        lines.append(f"  hand-back  {back['sent']} positions sent, {back['accepted']} accepted; {back['ended']}")
+    return lines
+
+
+def report_section(run: Run) -> str:
+    """Return the section "Target on the map" of a report, and draw target.png for it; empty if there is no place."""
+    from circnav_mav.extras.locate.map_picture import plot_map
+    from circnav_mav.report.page import picture, rows
+
+    table, place = run.folder / "target.geojson", surveyed_place(run)
+    if place is None or not table.is_file():
+        return ""
+    plot_map(run.folder / "target.png", table.read_text(encoding="utf-8"), f"{run.name}: the target")
+    image = picture(run.folder / "target.png", "map of the target", ' style="max-width:100%"')
+    known = {name: str(value) for name, value in place.model_dump(exclude_none=True).items()}
+    return f"<h2>Target on the map</h2>{image}<table>{rows(known)}</table>"

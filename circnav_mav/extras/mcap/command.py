@@ -1,0 +1,44 @@
+"""`circnav export`."""
+
+from pathlib import Path
+
+import click
+
+from circnav_mav.cli.exits import Exit, Refused, refusing
+from circnav_mav.runlog.run_folder import RunError, open_run
+
+MAGIC = b"\x89MCAP0\r\n"
+"""How an MCAP file begins."""
+
+
+def export_run(folder: str, mcap: str | None) -> int:
+    """Write the MCAP file, by default in the folder, and say what is in it. Raises Refused."""
+    if mcap is None:
+        raise Refused("export: say what to write: --mcap")
+    path = Path(mcap) if mcap else Path(folder) / "flight.mcap"
+    with refusing(path, RunError):
+        _check_place(path)
+        run = open_run(Path(folder))
+        if not len(run.ticks.time):
+            raise Refused(f"{folder}: an empty run, nothing was recorded", Exit.NOTHING_HEARD)
+        try:
+            from circnav_mav.extras.mcap.export import export_mcap
+
+            counts = export_mcap(run, path)
+        except ImportError:
+            raise Refused("export --mcap needs the extra [mcap]: pip install 'circnav-mav[mcap]'") from None
+    if run.damage_text is not None:
+        click.echo(f"  WARNING    {run.damage_text}")
+    click.echo(f"{path}: " + ", ".join(f"{count} messages on {topic}" for topic, count in counts.items()))
+    return Exit.DONE
+
+
+def _check_place(path: Path) -> None:
+    """Only an earlier export is written over. Raises Refused, OSError."""
+    if path.is_file():
+        with path.open("rb") as file:
+            begin = file.read(len(MAGIC))
+        if begin not in (MAGIC, b""):
+            raise Refused(f"--mcap {path}: is there and no MCAP file, name another")
+    elif path.exists():
+        raise Refused(f"--mcap {path}: is there and no file, name another")

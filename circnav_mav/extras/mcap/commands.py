@@ -1,0 +1,17 @@
+"""The command `circnav export`, described; `command` carries it out."""
+
+import click
+
+from circnav_mav.cli.describe import command
+
+
+@command("circnav_mav.extras.mcap.command:export_run", short_help="Convert a run for Foxglove or PlotJuggler.")
+@click.argument("folder", type=click.Path(), metavar="RUN")
+@click.option("--mcap", "mcap", is_flag=False, flag_value="", metavar="[FILE]", help="MCAP. [default: RUN/flight.mcap]")
+def export() -> None:
+    """Convert RUN, a run folder, for Foxglove or PlotJuggler. The file holds ticks, truth and events.
+
+    \b
+    Example:
+        circnav export runs/20260101-120000-quickstart --mcap
+    """

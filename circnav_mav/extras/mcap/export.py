@@ -1,0 +1,252 @@
+"""A run as one MCAP file for Foxglove and PlotJuggler: our ticks and truth as JSON, and Foxglove's own messages (poses,
+scene, log and fixes for its 3D, log and map panels).
+
+Needs the extra [mcap]. Times are the wall clock's of the flight. A value that is not known is left out of its message.
+Frame "beacon": x east, y north, z up, m, from the beacon, and moving with it.
+"""
+
+import json
+import tomllib
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from math import cos, isfinite, pi, sin
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
+from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.Point3_pb2 import Point3
+from foxglove_schemas_protobuf.Pose_pb2 import Pose
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from mcap.writer import Writer
+from mcap_protobuf.schema import register_schema
+from pydantic import BaseModel, Field, ValidationError
+from pymavlink.dialects.v20 import all as dialect
+
+from circnav_mav.mav.frames import course_from_yaw
+from circnav_mav.runlog.atomic_write import atomic_write
+from circnav_mav.runlog.events import events
+from circnav_mav.runlog.run_folder import Run
+from circnav_mav.runlog.ticks import LONGEST, Column, Ticks
+from circnav_mav.runlog.tlog import read_messages
+
+TRUTH_COLUMNS = ("time", "north", "east", "target_north", "target_east", "radius", "turn_rate")
+
+
+class Surveyed(BaseModel):
+    """The surveyed place of the target in summary.json, as far as it is drawn."""
+
+    latitude_deg: Annotated[float, Field(ge=-90, le=90)]
+    longitude_deg: Annotated[float, Field(ge=-180, le=180)]
+    altitude_m: float | None
+    sigma_m: Annotated[float, Field(gt=0, lt=1e9)]
+    time_s: Annotated[float, Field(ge=0, lt=LONGEST)]
+
+
+def export_mcap(run: Run, path: Path) -> dict[str, int]:
+    """Write the file, whole or not at all; returns the messages per topic. Raises RunError, OSError."""
+    tables = {("/ticks", "circnav.Tick"): run.ticks}
+    if run.truth is not None:
+        columns = {name: getattr(run.truth, name) for name in TRUTH_COLUMNS}
+        tables["/truth", "circnav.Truth"] = Ticks(columns, {})
+    counts: Counter[str] = Counter()
+    with atomic_write(path.resolve()) as fresh, fresh.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="", library=f"circnav {run.manifest.get('versions', {}).get('circnav', '')}".strip())
+
+        def add(channel: int, topic: str, moment: int, data: bytes) -> None:
+            writer.add_message(channel, moment, data, moment)
+            counts[topic] += 1
+
+        for (topic, name), table in tables.items():
+            kinds = dict.fromkeys(table.numbers, "number") | dict.fromkeys(table.words, "string")
+            schema = json.dumps({"type": "object", "properties": {key: {"type": kinds[key]} for key in kinds}})
+            schema_id = writer.register_schema(name, "jsonschema", schema.encode())
+            channel = writer.register_channel(topic, "json", schema_id)
+            for row in _tick_rows(table):
+                add(channel, topic, _ns(run, row["time"]), json.dumps(row).encode())
+        channels: dict[str, int] = {}
+        for topic, time, message in foxglove_messages(run):
+            if topic not in channels:
+                channels[topic] = writer.register_channel(topic, "protobuf", register_schema(writer, type(message)))
+            for stamped in getattr(message, "entities", [message]):
+                stamped.timestamp.FromNanoseconds(_ns(run, time))
+            add(channels[topic], topic, _ns(run, time), message.SerializeToString())
+        writer.add_metadata("manifest", {key: json.dumps(value) for key, value in run.manifest.items()})
+        writer.add_attachment(
+            create_time=run.epoch_us * 1000, log_time=run.epoch_us * 1000, name="mission.toml",
+            media_type="text/plain", data=run.mission_text.encode(),
+        )  # fmt: skip
+        writer.finish()  # type: ignore[no-untyped-call]
+    return counts
+
+
+def _tick_rows(table: Ticks) -> Iterator[dict[str, Any]]:
+    """What is known at each time."""
+    names = [*table.numbers, *table.words]
+    columns = [*(column.tolist() for column in table.numbers.values()), *table.words.values()]
+    for values in zip(*columns, strict=True):
+        yield {name: value for name, value in zip(names, values, strict=True) if value == value}  # not NaN
+
+
+MAP, BEACON = "map", "beacon"
+POSITION = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+PIECE = 1.0
+"""Time, s, of a piece of the drawn track, and between two rings of the range."""
+CORNERS = 90
+BLUE, GREEN, GREY, ORANGE = (0.0, 0.45, 0.7, 1.0), (0.0, 0.62, 0.45, 1.0), (0.6, 0.6, 0.6, 0.6), (0.84, 0.37, 0.0, 1.0)
+"""Of Okabe and Ito's palette, which colour-blind people tell apart."""
+Said = tuple[str, float, Any]
+"""Topic, run time (s), message."""
+
+
+def _ns(run: Run, time: float) -> int:
+    """A run time as nanoseconds since 1970."""
+    return run.epoch_us * 1000 + round(time * 1e6) * 1000
+
+
+def foxglove_messages(run: Run) -> Iterator[Said]:
+    """Everything, topic by topic, without stamps. Raises RunError, OSError."""
+    ticks, truth, numbers = run.ticks, run.truth, run.ticks.numbers
+    height = np.nan_to_num(numbers["height"])
+    times, places = ticks.time, np.column_stack([numbers["x"], numbers["y"], height])
+    yield from _poses("/estimate/pose", times, places, numbers["heading"])
+    if truth is not None:
+        height = np.interp(truth.time, ticks.time, height)
+        places = np.column_stack([truth.east - truth.target_east, truth.north - truth.target_north, height])
+        times, newest = truth.time, np.maximum(np.searchsorted(ticks.time, truth.time, side="right") - 1, 0)
+        yield from _poses("/truth/pose", times, places, numbers["heading"][newest])
+    yield from _transforms(run)
+    yield from _scene(run, times, places)
+    for event in events(run):
+        level = Log.ERROR if event.severe else Log.WARNING if event.kind == "rejected" else Log.INFO
+        yield "/events", event.time, Log(level=level, name=event.kind, message=event.text)
+    yield from _fixes(run)
+    yield from _target(run)
+
+
+def _poses(topic: str, times: Column, places: Column, headings: Column) -> Iterator[Said]:
+    for time, place, heading in zip(times.tolist(), places.tolist(), headings.tolist(), strict=True):
+        if isfinite(sum(place)) and isfinite(heading):
+            turn = course_from_yaw(heading)
+            pose = Pose(position=Vector3(**_xyz(place)), orientation=Quaternion(z=sin(turn / 2), w=cos(turn / 2)))
+            yield topic, time, PoseInFrame(frame_id=BEACON, pose=pose)
+
+
+def _transforms(run: Run) -> Iterator[Said]:
+    """Where the beacon is: at the origin of the map, or where the truth tells, once a piece."""
+    truth = run.truth
+    rows = [(float(run.ticks.time[0]), [0.0, 0.0, 0.0])]
+    if truth is not None:
+        at = _every_piece(truth.time)
+        places = zip(truth.target_east[at].tolist(), truth.target_north[at].tolist(), strict=True)
+        rows = [(time, [*place, 0.0]) for time, place in zip(truth.time[at].tolist(), places, strict=True)]
+    for time, place in rows:
+        yield "/tf", time, FrameTransform(
+            parent_frame_id=MAP, child_frame_id=BEACON,
+            translation=Vector3(**_xyz(place)), rotation=Quaternion(w=1.0),
+        )  # fmt: skip
+
+
+def _scene(run: Run, times: Column, places: Column) -> Iterator[Said]:
+    """Beacon and desired circle once; then, piece by piece, the track so far and the range as a ring."""
+    ticks, begins = run.ticks, float(run.ticks.time[0])
+    height = np.nan_to_num(ticks.numbers["height"])
+    entities = [
+        SceneEntity(
+            id="beacon",
+            spheres=[SpherePrimitive(pose=_here(), size=Vector3(x=5.0, y=5.0, z=5.0), color=_color(ORANGE))],
+        )
+    ]
+    if rings := [_ring(radius, float(np.median(height)), GREEN) for radius in _desired_radii(run)]:
+        entities.append(SceneEntity(id="desired circle", lines=rings))
+    yield _update(begins, entities)
+    at = _every_piece(times)
+    for number, (first, last) in enumerate(zip(at, [*at[1:], len(times) - 1], strict=True)):
+        piece = [place for place in places[first : last + 1].tolist() if isfinite(sum(place))]
+        if len(piece) > 1:
+            yield _update(float(times[last]), [SceneEntity(id=f"track {number}", lines=[_line(piece, BLUE)])])
+    for tick in _every_piece(ticks.time):
+        if isfinite(r := float(ticks.numbers["r"][tick])):
+            ring = SceneEntity(id="estimated range", lines=[_ring(r, float(height[tick]), GREY)])
+            yield _update(float(ticks.time[tick]), [ring])
+
+
+def _desired_radii(run: Run) -> list[float]:
+    """As the mission has them; a run that did not live to write its summary has some, too."""
+    try:
+        given = tomllib.loads(run.mission_text)["orbit"]["radius_m"]
+        return [float(radius) for radius in (given if isinstance(given, list) else [given])]
+    except (ValueError, KeyError, TypeError):
+        return []
+
+
+def _fixes(run: Run) -> Iterator[Said]:
+    """The vehicle's position where it reports one (GLOBAL_POSITION_INT), for the map; it never steers."""
+    system = (run.manifest.get("autopilot") or {}).get("system") or None
+    for stamp, message in read_messages(run.folder / "flight.tlog", {POSITION}):
+        if system in (None, message.get_srcSystem()) and (message.lat or message.lon):
+            time = (stamp - run.epoch_us) / 1e6
+            yield "/fix", time, LocationFix(
+                frame_id="vehicle", latitude=message.lat / 1e7, longitude=message.lon / 1e7,
+                altitude=message.alt / 1000,
+            )  # fmt: skip
+
+
+def _target(run: Run) -> Iterator[Said]:
+    """The surveyed place of the target, as the summary has it."""
+    try:
+        place = Surveyed.model_validate(run.unread.get("place"))
+    except ValidationError:
+        return
+    variance = place.sigma_m**2
+    yield "/target", place.time_s, LocationFix(
+        frame_id=BEACON, latitude=place.latitude_deg, longitude=place.longitude_deg, altitude=place.altitude_m or 0.0,
+        position_covariance=[variance, 0, 0, 0, variance, 0, 0, 0, 0],
+        position_covariance_type=LocationFix.APPROXIMATED,
+    )  # fmt: skip
+
+
+def _every_piece(times: Column) -> list[int]:
+    """The index of the first of each piece."""
+    return [int(at) for at in np.unique(np.floor(times / PIECE), return_index=True)[1]]
+
+
+def _update(time: float, entities: Sequence[SceneEntity]) -> Said:
+    for entity in entities:
+        entity.frame_id = BEACON
+    return "/scene", time, SceneUpdate(entities=entities)
+
+
+def _ring(radius: float, height: float, color: Sequence[float]) -> LinePrimitive:
+    turns = (2 * pi * corner / CORNERS for corner in range(CORNERS + 1))
+    return _line([(radius * cos(turn), radius * sin(turn), height) for turn in turns], color)
+
+
+def _line(places: Sequence[Sequence[float]], color: Sequence[float]) -> LinePrimitive:
+    """A line of 2 pixels through places."""
+    return LinePrimitive(
+        type=LinePrimitive.LINE_STRIP, pose=_here(), thickness=2.0, scale_invariant=True,
+        points=[Point3(**_xyz(place)) for place in places], color=_color(color),
+    )  # fmt: skip
+
+
+def _here() -> Pose:
+    return Pose(position=Vector3(), orientation=Quaternion(w=1.0))
+
+
+def _color(rgba: Sequence[float]) -> Color:
+    return Color(**dict(zip("rgba", rgba, strict=True)))
+
+
+def _xyz(place: Sequence[float]) -> dict[str, float]:
+    return dict(zip("xyz", place, strict=True))

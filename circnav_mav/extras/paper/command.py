@@ -1,0 +1,28 @@
+"""`circnav paper`: flies the examples, draws and prints them."""
+
+from pathlib import Path
+
+import click
+
+from circnav_mav.cli.exits import Exit, refusing
+from circnav_mav.extras.paper import paper
+from circnav_mav.extras.paper.paper import random_starts
+from circnav_mav.runlog.atomic_write import write_text
+
+SHOWN = 2
+"""The start that the paper's figures show, where there are as many."""
+
+
+def reproduce_paper(out: str, starts: int, seed: int) -> int:
+    """Fly the examples, draw, print. Raises Refused."""
+    folder, found = Path(out), []
+    with refusing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        for example in paper.EXAMPLES:
+            findings, tracks = paper.study(example, random_starts(starts, seed))
+            found.append(findings)
+            for path in paper.draw(folder, example, tracks, min(SHOWN, starts - 1)):
+                click.echo(path)
+        write_text(folder / "table.md", paper.table(found) + "\n")
+    click.echo(f"{folder / 'table.md'}\n\n{paper.table(found)}")
+    return Exit.DONE

@@ -1,0 +1,247 @@
+"""The paper's three examples, flown from many starts in its own world (vehicles that turn exactly as the law says, no
+noise, no lag, no MAVLink), and what it proves checked along every track.
+
+Arrays over steps and starts; SI, radians, the paper's frame (x right, y up, angles counter-clockwise).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from circnav_mav.extras.batch import metrics
+from circnav_mav.guidance import laws
+from circnav_mav.guidance.laws import LAWS
+from circnav_mav.guidance.maths import Batch, chord
+from circnav_mav.report.plots import STYLE, save
+
+V, TARGET, R_D = 1.0, (0.0, -10.0), 10.0
+TOLERANCE = 0.05
+"""Settled: within this fraction of r_d of the predicted radius."""
+SECONDS = 200.0
+MIRRORED = 40
+SLACK = 1e-3
+"""Of r_d: how far the switching law's chatter (V step) may dip below the circle without having entered it."""
+STEP = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Starts:
+    """x, y, heading of each start."""
+
+    x: Batch
+    y: Batch
+    heading: Batch
+
+    def mirrored(self, count: int) -> "Starts":
+        """The first ones, reflected in the upright line through the target."""
+        return Starts(2 * TARGET[0] - self.x[:count], self.y[:count], np.pi - self.heading[:count])
+
+
+@dataclass(frozen=True, slots=True)
+class Tracks:
+    """time: of each step. x, y, r, theta_b: (steps, starts); theta_b in [0, 2 pi)."""
+
+    time: Batch
+    x: Batch
+    y: Batch
+    r: Batch
+    theta_b: Batch
+
+
+def random_starts(count: int, seed: int) -> Starts:
+    """The paper's: uniform in [0, 10] x [0, 10] x [0, 2 pi)."""
+    x, y, heading = np.random.default_rng(seed).uniform(size=(3, count))
+    return Starts(10 * x, 10 * y, 2 * np.pi * heading)
+
+
+def fly(starts: Starts, law: Callable[[Batch, Batch], Any], seconds: float) -> Tracks:
+    """Fly all starts. law: range and range rate to turn rate. Each step is an exact arc at the law's turn rate in its
+    middle (second order)."""
+    steps = round(seconds / STEP)
+    tracks = Tracks(np.linspace(0, steps * STEP, steps + 1), *(np.empty((steps + 1, len(starts.x))) for _ in range(4)))
+    x, y, heading = starts.x, starts.y, starts.heading
+    for step in range(steps + 1):
+        r, theta_b = polar(x, y, heading)
+        tracks.x[step], tracks.y[step], tracks.r[step], tracks.theta_b[step] = x, y, r, theta_b
+        omega = law(r, -V * np.cos(theta_b))
+        r, theta_b = polar(*arc(x, y, heading, V, omega, STEP / 2))
+        x, y, heading = arc(x, y, heading, V, law(r, -V * np.cos(theta_b)), STEP)
+    return tracks
+
+
+def polar(x: Batch, y: Batch, heading: Batch) -> tuple[Batch, Batch]:
+    """Range, and bearing angle theta_b from the line of sight to the heading, counter-clockwise."""
+    to_x, to_y = TARGET[0] - x, TARGET[1] - y
+    return np.hypot(to_x, to_y), np.mod(heading - np.arctan2(to_y, to_x), 2 * np.pi)
+
+
+def arc(x: Batch, y: Batch, heading: Batch, V: float, omega: Batch, step: float) -> tuple[Batch, Batch, Batch]:
+    """Where a turn at constant rate leads."""
+    east, north = chord(V, heading, omega * step, step)
+    return x + east, y + north, heading + omega * step
+
+
+def lyapunov(r: Batch, theta_b: Batch, *, r_d: float, r_a: float, k: float) -> Batch:
+    """The paper's function for law 1: 1 - sin(theta_b) + integral from r_a to r of (-1/z + 2 k z cos asin(r_d/z)) dz.
+
+    The integral in closed form; r >= r_d.
+    """
+
+    def integral(z: Batch) -> Batch:
+        root = np.sqrt(np.maximum(z**2 - r_d**2, 0.0))
+        return np.asarray(k * (z * root - r_d**2 * np.log(z + root)) - np.log(z))
+
+    return 1 - np.sin(theta_b) + integral(r) - integral(np.asarray(r_a))
+
+
+@dataclass(frozen=True, slots=True)
+class Example:
+    """One of the paper's: law by its mission name, gain, and the radius that the law is fed."""
+
+    number: int
+    law: str
+    k: float
+    fed: float
+
+    @property
+    def predicted(self) -> float:
+        """The radius that the theory says is reached."""
+        return LAWS[self.law].reached_radius(V, self.fed, self.k)
+
+    def fly(self, starts: Starts, seconds: float, sign: int = 1) -> Tracks:
+        """All starts under this law, or under its mirror image (sign -1)."""
+        return fly(starts, partial(LAWS[self.law].function, V=V, r_d=self.fed, k=sign * self.k), seconds)
+
+
+EXAMPLES = (
+    Example(1, "smooth", 0.01, R_D),
+    Example(2, "smooth", 0.01, laws.corrected_radius(R_D, 0.01)),
+    Example(3, "switching", 0.12, R_D),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """What the starts of one example showed. settling: s, one per start, to the band round the predicted radius (inf:
+    never). rise: largest rise of the Lyapunov function in a step, None where the paper gives none. mirror: largest
+    distance of a mirrored track, m."""
+
+    example: Example
+    starts: int
+    reached: tuple[float, float]
+    settling: Batch
+    clockwise: int
+    most_entries: int
+    bearings: tuple[float, float]
+    rise: float | None
+    mirror: float
+    mirrored_counterclockwise: int
+
+
+def study(example: Example, starts: Starts, seconds: float = SECONDS) -> tuple[Findings, Tracks]:
+    """Fly one example from all starts and look at every track."""
+    tracks = example.fly(starts, seconds)
+    last = tracks.r[-len(tracks.time) // 5 :].mean(axis=0)
+    mirror = example.fly(starts.mirrored(MIRRORED), seconds, sign=-1)
+    apart = np.hypot(mirror.x + tracks.x[:, :MIRRORED] - 2 * TARGET[0], mirror.y - tracks.y[:, :MIRRORED])
+    findings = Findings(
+        example,
+        len(starts.x),
+        (float(last.min()), float(last.max())),
+        metrics.last_exit(tracks.time, tracks.r, example.predicted, TOLERANCE * R_D),
+        clockwise=int((turning(tracks) < 0).sum()),
+        most_entries=int(entries(tracks.r, example.fed).max()),
+        bearings=(float(tracks.theta_b[-1].min()), float(tracks.theta_b[-1].max())),
+        rise=lyapunov_rise(example, tracks),
+        mirror=float(apart.max()),
+        mirrored_counterclockwise=int((turning(mirror) > 0).sum()),
+    )
+    return findings, tracks
+
+
+def turning(tracks: Tracks) -> Batch:
+    """Angle swept round the target over the last tenth, by the positions alone; counter-clockwise positive."""
+    tail = slice(-len(tracks.time) // 10, None)
+    return np.asarray(metrics.swept(np.arctan2(tracks.y[tail] - TARGET[1], tracks.x[tail] - TARGET[0])))
+
+
+def entries(r: Batch, r_d: float) -> Batch:
+    """How often each track enters the circle from outside (lemma: at most once); a stay at its start counts as one."""
+    inside = r < r_d * (1 - SLACK)
+    return np.asarray(inside[0] + (inside[1:] & ~inside[:-1]).sum(axis=0))
+
+
+def lyapunov_rise(example: Example, tracks: Tracks) -> float | None:
+    """Largest rise of the function between two steps with r >= r_d and theta_b in [0, pi]; None where the paper gives
+    none."""
+    if example.law != "smooth":
+        return None
+    holds = (tracks.r >= example.fed) & (tracks.theta_b <= np.pi)
+    values = lyapunov(
+        np.maximum(tracks.r, example.fed), tracks.theta_b, r_d=example.fed, r_a=example.predicted, k=example.k
+    )
+    return float(np.diff(values, axis=0)[holds[1:] & holds[:-1]].max())
+
+
+def draw(folder: Path, example: Example, tracks: Tracks, start: int) -> list[Path]:
+    """The two figures of an example in the paper's form. Raises OSError."""
+    paths = [folder / f"example_{example.number}_{kind}.png" for kind in ("track", "error")]
+    with mpl.rc_context(STYLE | {"font.size": 11}):
+        figure = Figure(figsize=(6, 6), layout="constrained")
+        axis = figure.subplots()
+        angle = np.linspace(0, 2 * np.pi, 361)
+        circle = TARGET[0] + R_D * np.cos(angle), TARGET[1] + R_D * np.sin(angle)
+        axis.plot(*circle, "k--", lw=1.5, zorder=3, label="desired")
+        axis.plot(tracks.x[:, start], tracks.y[:, start], color="#5b9bd5", lw=2.2, label="UAV")
+        axis.plot(tracks.x[0, start], tracks.y[0, start], "^", color="red", ms=11, label="start")
+        axis.plot(*TARGET, "k*", ms=10, label="target")
+        axis.set_aspect("equal", adjustable="datalim")
+        axis.set(xlabel="x, m", ylabel="y, m", title=_title(example))
+        axis.legend(loc="upper right")
+        save(figure, paths[0], dpi=100)
+        figure = Figure(figsize=(6, 4), layout="constrained")
+        axis = figure.subplots()
+        axis.plot(tracks.time, tracks.r[:, start] - R_D, color="#1f5fa8", lw=1.3)
+        axis.axhline(0, color="black", lw=0.8)
+        axis.set(xlabel="time, s", ylabel="r - r_d, m", title=_title(example), xlim=(0, 120))
+        save(figure, paths[1], dpi=100)
+    return paths
+
+
+def table(found: list[Findings]) -> str:
+    """What was predicted and what was found, in Markdown."""
+    columns = [f"example {one.example.number}" for one in found]
+    rows = [
+        ("law, k, radius fed", [f"{f.example.law}, {f.example.k:g}, {f.example.fed:.5f} m" for f in found]),
+        ("starts", [str(f.starts) for f in found]),
+        ("predicted radius", [f"{f.example.predicted:.5f} m" for f in found]),
+        ("reached radius, least to most", [f"{f.reached[0]:.5f} to {f.reached[1]:.5f} m" for f in found]),
+        ("settled: predicted +-5 % of r_d", [f"{np.isfinite(f.settling).sum()} of {f.starts}" for f in found]),
+        ("settling, median / 95 % / worst", [_settling(f.settling) for f in found]),
+        ("clockwise", [f"{f.clockwise} of {f.starts}" for f in found]),
+        ("enters the circle at most", [f"{f.most_entries} time{'' if f.most_entries == 1 else 's'}" for f in found]),
+        ("theta_b at the end (theory: pi/2)", [f"{f.bearings[0]:.4f} to {f.bearings[1]:.4f} rad" for f in found]),
+        ("largest rise of the Lyapunov function", ["-" if f.rise is None else f"{f.rise:.1e}" for f in found]),
+        ("k < 0: mirrored track differs by", [f"{f.mirror:.1e} m" for f in found]),
+        ("k < 0: counter-clockwise", [f"{f.mirrored_counterclockwise} of {min(MIRRORED, f.starts)}" for f in found]),
+    ]
+    lines = [["", *columns], ["---"] * (len(columns) + 1), *([name, *cells] for name, cells in rows)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(columns) + 1)]
+    return "\n".join("| " + " | ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)) + " |" for line in lines)
+
+
+def _settling(times: Batch) -> str:
+    known = times[np.isfinite(times)]
+    if not len(known):
+        return "never"
+    return f"{np.median(known):.0f} / {np.quantile(known, 0.95):.0f} / {known.max():.0f} s"
+
+
+def _title(example: Example) -> str:
+    return f"Example {example.number}: {example.law} law, k = {example.k:g}, fed {example.fed:.3f} m"

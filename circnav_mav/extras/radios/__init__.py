@@ -1,0 +1,5 @@
+"""Drivers of ranging radios: bytes in, readings out, without I/O. docs/radios.md shows how to write another."""
+
+from circnav_mav.extension import Extension
+
+EXTENSION = Extension(commands={"ranging": "circnav_mav.extras.radios.commands:ranging"}, order=20)

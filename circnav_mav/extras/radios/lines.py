@@ -1,0 +1,43 @@
+"""A range a line, as anybody can print it: JSON objects or comma-separated values, metres and seconds.
+
+{"range": 123.4, "id": 3, "sigma": 0.1, "time": 17.25}      only the range is needed
+123.4            3,123.4            17.25,3,123.4            17.25,3,123.4,0.1
+"""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from circnav_mav.extras.radios.line_driver import LineDriver
+from circnav_mav.mav.ranging.driver import RadioReading
+
+COLUMNS = {
+    1: ("range",),
+    2: ("id", "range"),
+    3: ("time", "id", "range"),
+    4: ("time", "id", "range", "sigma"),
+}
+"""What the values of a line without names are, by their number."""
+
+
+class Lines(LineDriver):
+    """One reading of each line."""
+
+    def read_line(self, line: str) -> Sequence[RadioReading] | None:
+        """The reading of a line; a header or any other text is none."""
+        try:
+            values = json.loads(line) if line.startswith("{") else _columns(line)
+            beacon, sigma, time = int(str(values.get("id", 0)), 0), values.get("sigma"), values.get("time")
+            return [RadioReading(float(values["range"]), beacon, _number(sigma), _number(time))]
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+            return None
+
+
+def _columns(line: str) -> Mapping[str, str]:
+    values = re.split(r"\s*[,;]\s*|\s+", line)
+    return dict(zip(COLUMNS[len(values)], values, strict=True))
+
+
+def _number(value: Any) -> float | None:
+    return None if value is None else float(value)

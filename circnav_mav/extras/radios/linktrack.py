@@ -1,0 +1,73 @@
+"""Nooploop LinkTrack: node frames 2 and 3 and the AoA node frame 0 of its NLink protocol, little-endian.
+
+Source: the manufacturer's github.com/nooploop-dev/nlink_unpack. Choose one of these frames in NAssistant.
+"""
+
+import struct
+from typing import NamedTuple
+
+from circnav_mav.mav.ranging.driver import Driver, RadioReading
+
+HEADER = 0x55
+SHORTEST = 4
+"""Bytes that hold header, kind and length of a frame."""
+
+
+class _Layout(NamedTuple):
+    """fixed: bytes before the nodes, the last one their number. node: bytes of each. stamped: whether each node has the
+    network's time of its measurement, ms, at byte 7; else the frame has the radio's own time, ms, at byte 6."""
+
+    fixed: int
+    node: int
+    stamped: bool
+
+
+LAYOUTS = {0x04: _Layout(119, 13, True), 0x05: _Layout(21, 7, False), 0x07: _Layout(21, 11, False)}
+"""By the second byte of the frame: node frame 2, node frame 3, AoA node frame 0."""
+
+
+class LinkTrack(Driver):
+    """Ranges to all nodes in sight, each under the node's id."""
+
+    baud = 921600
+    line_end = b""
+
+    def __init__(self) -> None:
+        self.unread = 0
+        self._rest = b""
+
+    def receive(self, data: bytes, now: float) -> list[RadioReading]:
+        buffer, at, readings = self._rest + data, 0, []
+        while at < len(buffer) and (size := _frame_size(buffer, at)) is not None:
+            frame = buffer[at : at + size]
+            if size and sum(frame[:-1]) % 256 == frame[-1]:
+                readings += _read(frame)
+                at += size
+            else:
+                self.unread += 1
+                at += 1
+        self._rest = buffer[at:]
+        return readings
+
+
+def _frame_size(buffer: bytes, at: int) -> int | None:
+    """Bytes of the frame that begins there, 0 where none does, None where more bytes must tell."""
+    left = len(buffer) - at
+    if buffer[at] != HEADER or (left > 1 and buffer[at + 1] not in LAYOUTS):
+        return 0
+    if left < SHORTEST or left < (layout := LAYOUTS[buffer[at + 1]]).fixed:
+        return None
+    size = layout.fixed + layout.node * buffer[at + layout.fixed - 1] + 1
+    if size != int.from_bytes(buffer[at + 2 : at + 4], "little"):
+        return 0
+    return size if left >= size else None
+
+
+def _read(frame: bytes) -> list[RadioReading]:
+    """A node is role, id, range in mm (24 bits with sign), two signal strengths, and what its layout adds."""
+    layout, readings = LAYOUTS[frame[1]], []
+    for at in range(layout.fixed, len(frame) - 1, layout.node):
+        (stamp,) = struct.unpack_from("<I", frame, at + 7 if layout.stamped else 6)
+        millimetres = int.from_bytes(frame[at + 2 : at + 5], "little", signed=True)
+        readings.append(RadioReading(millimetres / 1000, beacon=frame[at + 1], stamp=stamp / 1000))
+    return readings

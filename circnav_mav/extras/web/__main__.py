@@ -1,0 +1,164 @@
+"""The server of the live page, which the flight starts: `python -m circnav_mav.extras.web FD`, a listening socket; its
+feed is on stdin. It says "ready" and serves until its input ends."""
+
+import asyncio
+import json
+import os
+import socket
+import sys
+from collections import deque
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, Response, StreamingResponse
+from starlette.routing import Route
+
+from circnav_mav.report.charts import with_charts
+
+POLL = 0.1
+"""Time, s, between two looks for news; a browser that reads slowly is asked less often and skips."""
+GRACE = 0.5
+"""Time, s, for the last event to reach the browsers."""
+MOST_BROWSERS = 40
+MOST_CONNECTIONS = 500
+"""Those count, too, that were opened and ask for nothing."""
+NICENESS = 10
+"""The flight comes first where there is too little of the processor."""
+LONGEST_LINE = 1 << 16
+MOST_POINTS = 3000
+"""Points of a chart; beyond that every second one is dropped, and from then on half as many are kept."""
+NEWEST = 100
+"""Ticks kept whole; a browser that is farther behind gets everything anew."""
+COLUMNS = ("time", "measured", "r", "r_dot", "turn_rate", "x", "y", "drift_x", "drift_y", "east", "north", "heading",
+           "state", "mode", "law", "desired")  # fmt: skip
+"""What a point holds of a tick."""
+PAGE = with_charts(Path(__file__).with_name("page.html"))
+HEADERS = {
+    "Cache-Control": "no-store",
+    "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "img-src data:; connect-src 'self'",
+    "X-Content-Type-Options": "nosniff",
+}
+
+
+class History:
+    """What is known of the flight: enough to bring a late browser up to date, bounded however long it flies. Takes
+    lines of the feed, gives server-sent events."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        """Ticks so far."""
+        self.over = False
+        """Whether nothing more will come."""
+        self._flight: dict[str, Any] = {}
+        self._end: dict[str, Any] = {"verdict": None}
+        self._points: list[list[float | str | None]] = []
+        self._every = 1
+        self._newest: deque[str] = deque(maxlen=NEWEST)
+
+    def take(self, line: bytes) -> None:
+        """One line of the feed."""
+        what = json.loads(line)
+        kind = what.pop("kind")
+        if kind == "flight":
+            self._flight = what
+        elif kind == "end":
+            self._end = what
+        else:
+            self._newest.append(json.dumps(what))
+            self._keep([what[name] for name in COLUMNS])
+
+    def _keep(self, point: list[float | str | None]) -> None:
+        if self.count % self._every == 0:
+            self._points.append(point)
+        self.count += 1
+        if len(self._points) > MOST_POINTS:
+            self._points = self._points[::2]
+            self._every *= 2
+
+    def since(self, seen: int | None) -> list[str]:
+        """The events for a browser that has seen so many ticks, None for nothing at all yet."""
+        if seen is None or self.count - seen > len(self._newest):
+            return [_event("history", self._all())]
+        behind = self.count - seen
+        return [_event("tick", tick) for tick in list(self._newest)[len(self._newest) - behind :]]
+
+    @property
+    def end(self) -> str:
+        """The last event of all: with a verdict, or without one where the flight's process just went."""
+        return _event("end", json.dumps(self._end))
+
+    def _all(self) -> str:
+        """Everything that a browser needs to begin."""
+        newest = json.loads(self._newest[-1]) if self._newest else None
+        whole = {"flight": self._flight, "columns": COLUMNS, "points": self._points, "every": self._every}
+        return json.dumps({**whole, "most": MOST_POINTS, "count": self.count, "newest": newest})
+
+
+def _event(kind: str, data: str) -> str:
+    return f"event: {kind}\ndata: {data}\n\n"
+
+
+def application(history: History) -> Starlette:
+    """The page and its stream. There is nothing else, and nothing that can be changed. Other names for this host are
+    refused, so that no other page in the browser can read it."""
+
+    async def page(request: Request) -> Response:
+        return HTMLResponse(PAGE, headers=HEADERS)
+
+    streams = 0
+
+    async def stream() -> AsyncIterator[str]:
+        nonlocal streams
+        streams += 1
+        seen: int | None = None
+        try:
+            while True:
+                over, news, seen = history.over, history.since(seen), history.count
+                for event in news:
+                    yield event
+                if over:
+                    yield history.end
+                    return
+                await asyncio.sleep(POLL)
+        finally:
+            streams -= 1
+
+    async def events(request: Request) -> Response:
+        if streams >= MOST_BROWSERS:
+            return Response("too many browsers are watching", status_code=503)
+        return StreamingResponse(stream(), media_type="text/event-stream", headers=HEADERS)
+
+    hosts = Middleware(TrustedHostMiddleware, allowed_hosts=["127.0.0.1", "localhost"])
+    return Starlette(routes=[Route("/", page), Route("/events", events)], middleware=[hosts])
+
+
+async def serve(listener: socket.socket) -> None:
+    """Serve until the input ends."""
+    history = History()
+    reader = asyncio.StreamReader(limit=LONGEST_LINE)
+    await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
+    config = uvicorn.Config(
+        application(history), log_config=None, access_log=False, lifespan="off", ws="none",
+        limit_concurrency=MOST_CONNECTIONS, timeout_graceful_shutdown=1,
+    )  # fmt: skip
+    server = uvicorn.Server(config)
+    serving = asyncio.create_task(server.serve(sockets=[listener]))
+    os.write(1, b"ready\n")
+    async for line in reader:
+        history.take(line)
+    history.over = True
+    await asyncio.sleep(GRACE)
+    server.should_exit = True
+    await serving
+
+
+if __name__ == "__main__":
+    os.nice(NICENESS)
+    asyncio.run(serve(socket.socket(fileno=int(sys.argv[1]))))

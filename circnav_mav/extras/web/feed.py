@@ -1,0 +1,202 @@
+"""The flight's side of the live page: what it tells, and the pipe to the server's process. The pipe is the queue, which
+the kernel bounds: a line that does not fit at once is dropped, so that no server, slow, stopped or dead, delays a tick.
+Nothing on the page reaches back into the flight."""
+
+import importlib.util
+import json
+import os
+import select
+import socket
+import subprocess
+import sys
+from collections.abc import Sequence
+from enum import Enum
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import click
+
+import circnav_mav
+from circnav_mav.cli.exits import Refused, refusing
+from circnav_mav.mav.truth import is_truth_frame, relative_truth
+from circnav_mav.mission.schema import MOST_PORT
+from circnav_mav.pilot import Pilot, PilotSettings, TickRecord
+from circnav_mav.pilot.loop_step import LoopStep
+from circnav_mav.pilot.mission_state import Phase
+from circnav_mav.runlog.metrics import TOLERANCE
+from circnav_mav.runtime.clock import utc_minute
+from circnav_mav.runtime.onlookers import Onlooker, Onlookers, OnlookerSettings
+from circnav_mav.runtime.status import SILENCED, Status, Watch, told
+
+HOST = "127.0.0.1"
+LINES_A_SECOND = 10
+START_PATIENCE, STOP_PATIENCE = 10.0, 3.0
+LONGEST_TEXT = 300
+NEEDED = ("starlette", "uvicorn")
+PAGE_SPEED = 6.0
+"""Speed, times real time, at which the bundled vehicle flies for the live page if none was asked for."""
+
+
+class WebError(Exception):
+    """A live page that cannot be served, in one line."""
+
+
+class LivePage(Onlooker):
+    """The server's process, and the pipe to it. `on_step` never waits."""
+
+    name = "live page"
+
+    def __init__(
+        self,
+        pilot: Pilot,
+        onlookers: Onlookers,
+        port: int,
+        *,
+        name: str,
+        tolerance: float,
+        speed: float,
+        truth: bool = False,
+    ) -> None:
+        """port: 0 for any free one. tolerance: half width of the band round the radius, m. speed: run seconds per real
+        second. truth: whether frames that tell the truth count, as the bundled vehicle's do: with any other, they are
+        somebody's who made them up. Raises WebError."""
+        missing = [package for package in NEEDED if importlib.util.find_spec(package) is None]
+        if missing:
+            raise WebError(f"--web needs the package {' and '.join(missing)}: pip install {' '.join(missing)}")
+        self._watch, self._settings = Watch(pilot, onlookers), pilot.settings
+        self._period, self._due = speed / LINES_A_SECOND, 0.0
+        self._hears_truth, self._truth = truth, b""
+        self._place: tuple[float | None, float | None] = (None, None)
+        with _listener(port) as listener:
+            self.url = f"http://{HOST}:{listener.getsockname()[1]}/"
+            self._process = _serve(listener)
+        assert self._process.stdin is not None
+        self._pipe: int | None = self._process.stdin.fileno()
+        os.set_blocking(self._pipe, False)
+        self._tell({"kind": "flight", **_facts(pilot, name, tolerance)})
+
+    def on_step(self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None) -> Sequence[bytes]:
+        """Send the newest tick when it is due."""
+        if self._hears_truth:
+            for _, _, frames in step.heard:
+                self._truth = next(filter(is_truth_frame, frames), self._truth)
+        if newest is None or (step.time < self._due and newest.phase is not Phase.ENDED):
+            return ()
+        self._due = step.time + self._period
+        place = relative_truth(self._truth) if self._truth else None
+        if place is not None and all(map(isfinite, place)):  # anybody may send a frame that holds no numbers
+            self._place = place
+        status, (east, north) = self._watch.status(newest, step.time, recording_problem), map(_plain, self._place)
+        self._tell({"kind": "tick", **_tick(status, self._settings), "east": east, "north": north})
+        return ()
+
+    def show_verdict(self, verdict: str) -> None:
+        """Send the verdict. The flight is over, and the server is given a moment to take it."""
+        if self._pipe is not None:
+            select.select([], [self._pipe], [], STOP_PATIENCE)
+            self._tell({"kind": "end", "verdict": verdict})
+
+    def close(self) -> None:
+        """End the server."""
+        try:
+            self._process.communicate(timeout=STOP_PATIENCE)  # its input ends, and so does it
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.communicate()
+
+    def _tell(self, what: dict[str, Any]) -> None:
+        """One line into the pipe, whole or not at all: up to PIPE_BUF bytes are written in one piece."""
+        line = json.dumps(what, allow_nan=False).encode() + b"\n"
+        if self._pipe is None or len(line) > select.PIPE_BUF:
+            return
+        try:
+            os.write(self._pipe, line)
+        except BlockingIOError:
+            return
+        except OSError:
+            self._pipe = None
+
+
+def open_onlooker(given: OnlookerSettings) -> LivePage | None:
+    """Return the live page where `--web` asks for one. Raises Refused."""
+    port, mission = given.options.get("web"), given.mission
+    if port is None:
+        return None
+    if not port.isdecimal() or int(port) > MOST_PORT:
+        raise Refused(f"--web {port}: is not a port; write: circnav fly MISSION --web [PORT]")
+    tolerance, speed = TOLERANCE * mission.orbit.radius, mission.run_speed(PAGE_SPEED)
+    with refusing("--web", WebError):
+        page = LivePage(
+            given.pilot, given.others, int(port), name=mission.file.name, tolerance=tolerance, speed=speed,
+            truth=mission.flies_sim,
+        )  # fmt: skip
+    page.pace = PAGE_SPEED
+    click.echo(f"live page at {page.url}")
+    return page
+
+
+def _listener(port: int) -> socket.socket:
+    """Listens on this machine's own interface only; taken before anything flies."""
+    try:
+        return socket.create_server((HOST, port))
+    except OSError as error:
+        why = os.strerror(error.errno or 0)
+        raise WebError(f"--web {port}: {HOST}:{port} cannot be had: {why}; choose another port") from None
+
+
+def _serve(listener: socket.socket) -> "subprocess.Popen[bytes]":
+    """The server's process, ready. Raises WebError."""
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-m", "circnav_mav.extras.web", str(listener.fileno())],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        pass_fds=[listener.fileno()],
+        env={**os.environ, "PYTHONPATH": str(Path(circnav_mav.__file__).parents[1])},
+        start_new_session=True,  # the operator's Ctrl-C is for the flight
+    )
+    assert process.stdout is not None
+    ready, _, _ = select.select([process.stdout], [], [], START_PATIENCE)
+    if not ready or not process.stdout.readline():
+        process.kill()
+        process.communicate()
+        raise WebError("--web: the server of the live page did not start")
+    return process
+
+
+def _facts(pilot: Pilot, name: str, tolerance: float) -> dict[str, Any]:
+    """What does not change in flight. SI units."""
+    orbit = pilot.settings.orbit
+    return {
+        "name": name,
+        "date": utc_minute(),
+        "circle": pilot.settings.circles,
+        "radii": [orbit.radius, *(later.radius for later, _ in pilot.settings.later_circles)],
+        "radius": orbit.radius,
+        "tolerance": tolerance,
+        "limit": orbit.max_turn_rate,
+        "steady": orbit.steady_turn_rate,
+        "silenced": SILENCED.get(pilot.settings.output_mode),
+    }
+
+
+def _tick(status: Status, settings: PilotSettings) -> dict[str, Any]:
+    """A status as JSON holds it."""
+    about = {
+        "now": status.time,
+        "state": status.phase,
+        "alarms": [alarm[:LONGEST_TEXT] for alarm in status.alarms],
+        "facts": {name: fact[:LONGEST_TEXT] for name, fact in told(status, settings).items()},
+    }
+    return {name: _plain(value) for name, value in (status.tick._asdict() | about).items()}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _plain(part) for name, part in value.items()}
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, float):
+        return round(value, 5) if isfinite(value) else None
+    return value

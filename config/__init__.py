@@ -1,0 +1,1 @@
+"""The mission and campaign files that come with circnav; installed as circnav_mav.config."""

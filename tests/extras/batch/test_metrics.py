@@ -1,0 +1,58 @@
+"""Metrics of the benchmark on flights drawn by hand."""
+
+from math import inf, pi
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from circnav_mav.extras.batch import metrics
+from circnav_mav.extras.batch.metrics import tangent_time
+
+TIME = np.arange(0, 100, 0.1)
+SPEED = {"V": 15.0, "r_d": 100.0, "max_turn_rate": 0.45}
+"""A turning radius of 33.3 m."""
+
+
+def column(*values):
+    return np.stack(np.broadcast_arrays(*values), axis=1)
+
+
+def test_settled_from_the_last_exit_and_never_if_it_ends_outside():
+    r = column(100 + 50 * np.exp(-TIME / 10), np.full_like(TIME, 130.0), np.full_like(TIME, 100.0))
+    assert metrics.last_exit(TIME, r, 100.0, 10.0) == pytest.approx([10 * np.log(5), inf, 0.0], abs=0.11)
+
+
+def test_the_wrong_way_round_is_noticed_although_the_radius_is_perfect():
+    """A lost flight sees its target under a bearing that creeps a little: it did not go round at all."""
+    angle = column(0.15 * TIME, -0.15 * TIME, 0.003 * TIME)
+    assert metrics.right_way(angle, np.ones(3)).tolist() == [True, False, True]
+    assert metrics.right_way(angle, -np.ones(3)).tolist() == [False, True, False]
+    assert metrics.went_round(angle).tolist() == [True, True, False]
+
+
+def test_overshoot_is_inward_for_starts_outside_and_outward_for_starts_inside():
+    e = 80 * np.exp(-TIME / 9) * np.cos(TIME / 5)
+    assert metrics.overshoot(column(100 + e, 100 - e), 100.0) == pytest.approx([-e.min()] * 2)
+
+
+@pytest.mark.parametrize(
+    ("north", "psi", "sense", "least", "most"),
+    [(-300.0, pi / 2, 1, 20.0, 20.0), (-60.0, pi / 2, 1, 4.0, 4.0), (60.0, -pi / 2, -1, 4.0, 4.0),
+     (-60.0, pi / 2, -1, 12.0, 40.0)],
+    ids=["along the tangent", "near", "mirrored", "the wrong sense takes a turn about"],
+)  # fmt: skip
+def test_the_dubins_time_is_what_can_be_drawn_by_hand(north, psi, sense, least, most):
+    """From 100 m east of the target, at 15 m/s."""
+    (time,) = tangent_time(np.array([[100.0], [north]]), np.array([psi]), np.array([float(sense)]), **SPEED)
+    assert least - 1e-6 <= time <= most + 1e-6
+
+
+@given(r=st.floats(180, 900), bearing=st.floats(-pi, pi), psi=st.floats(-pi, pi), sense=st.sampled_from([-1.0, 1.0]))
+def test_the_way_lies_between_straight_to_the_circle_and_a_turn_about_with_the_tangent(r, bearing, psi, sense):
+    """A whole turn at the limit, and its width, are the most that comes on top of the tangent from here."""
+    p = np.array([[r * np.cos(bearing)], [r * np.sin(bearing)]])
+    way = 15.0 * tangent_time(p, np.array([psi]), np.array([sense]), **SPEED)[0]
+    rho, tangent = 15.0 / 0.45, np.sqrt(r**2 - 100.0**2)
+    assert r - 100.0 - 1e-6 <= way <= tangent + 2 * pi * rho + 2 * rho

@@ -1,0 +1,122 @@
+"""Jobs on several processes: all of them done, and all of them dropped at once."""
+
+import math
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from circnav_mav.extras.batch.flight import SITUATIONS
+from circnav_mav.extras.batch.worker_pool import WorkerDiedError, workers
+from circnav_mav.extras.bench import bench
+from tests.process import PATIENCE, ROOT, python
+
+FOREVER = 600.0
+JOBS = """
+import math, os, signal, sys, threading
+from circnav_mav.extras.batch.worker_pool import workers
+
+def interrupt():
+    os.killpg(0, signal.SIGINT)  # as a terminal does: everybody hears it
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    with workers(1) as submit:
+        heard = False
+        try:
+            job = submit(math.sqrt, 4.0)
+            threading.Timer(float(sys.argv[1]), interrupt).start()
+            threading.Event().wait(60)
+        except KeyboardInterrupt:
+            heard = True
+        sys.exit(7 if heard and job.result() == 2.0 else 1)
+"""
+HOLDS = """
+import math, time
+from circnav_mav.extras.batch.worker_pool import workers
+
+if __name__ == "__main__":
+    with workers(2) as submit:
+        for job in [submit(math.sqrt, 4.0) for _ in range(8)]:
+            job.result()
+        for _ in range(2):
+            submit(time.sleep, 600)
+        time.sleep(0.2)
+        print("at work", flush=True)
+        time.sleep(600)
+"""
+
+
+def test_what_nobody_waits_for_any_more_is_dropped_in_the_middle():
+    with workers(2) as submit:
+        first, *_ = [submit(math.sqrt, 4.0), *(submit(time.sleep, FOREVER) for _ in range(5))]
+        assert first.result() == 2.0
+        began = time.monotonic()
+    assert time.monotonic() - began < 10
+
+
+def test_what_a_job_raises_is_raised_here():
+    with workers(2) as submit, pytest.raises(ValueError, match="math domain"):
+        submit(math.sqrt, -1.0).result()
+
+
+def test_a_ctrl_c_is_not_heard_by_the_processes_whenever_it_comes(tmp_path):
+    """From their first moment on, while they still import; what they would say is a traceback each."""
+    script = tmp_path / "jobs.py"
+    script.write_text(JOBS)
+    for seconds in (0.0, 0.05, 0.1, 0.3):
+        process = subprocess.Popen(
+            [sys.executable, script, str(seconds)], stderr=subprocess.PIPE, text=True, start_new_session=True,
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+        )  # fmt: skip
+        assert (process.communicate(timeout=PATIENCE)[1], process.returncode) == ("", 7), seconds
+
+
+def is_running(process):
+    try:
+        return (process / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc")
+def test_the_processes_end_with_one_that_was_killed(tmp_path):
+    """In the middle of their jobs, which would take ten minutes."""
+    script = tmp_path / "holds.py"
+    script.write_text(HOLDS)
+    parent = python(script)
+    assert parent.stdout.readline() == "at work\n"
+    tasks = Path(f"/proc/{parent.pid}/task").glob("*/children")  # each thread has its own
+    children = [Path(f"/proc/{child}") for task in tasks for child in task.read_text().split()]
+    assert len(children) >= 2
+    parent.kill()
+    parent.communicate(timeout=PATIENCE)
+    end = time.monotonic() + PATIENCE
+    while running := [child for child in children if is_running(child)]:
+        assert time.monotonic() < end, running
+        time.sleep(0.05)
+
+
+def test_a_process_that_dies_in_its_job_is_no_endless_wait():
+    with pytest.raises(WorkerDiedError), workers(2) as submit:
+        submit(time.sleep, FOREVER)
+        submit(os._exit, 9).result()
+
+
+def test_the_cells_of_the_benchmark_come_in_their_order_and_the_rest_is_dropped():
+    """As of `circnav bench | head`: the first cells are small, the last ones would take very long."""
+
+    def tell(line):
+        told.append(line)
+        if len(told) == 2:
+            raise BrokenPipeError
+
+    told, calm = [], next(iter(SITUATIONS))
+    began = time.monotonic()
+    with pytest.raises(BrokenPipeError):
+        bench.run([(calm, "pd"), (calm, "smooth"), *[(calm, "auto")] * 100], flights=2, tell=tell, cores=2)
+    assert [line.split()[1] for line in told] == ["pd", "smooth"]
+    assert time.monotonic() - began < 60

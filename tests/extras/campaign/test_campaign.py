@@ -1,0 +1,179 @@
+"""Campaigns as a whole: the table is the same whoever flies it, and nothing is lost."""
+
+import json
+import re
+import shlex
+from itertools import pairwise
+
+import pytest
+from circnav_sim.config import parse_vehicle
+
+from circnav_mav.cli.bundled import bundled
+from circnav_mav.extras.batch.guidance import Guidance
+from circnav_mav.extras.campaign.execute import on_cores
+from circnav_mav.extras.campaign.fly import chunks, fly_chunk, obstacle
+from circnav_mav.extras.campaign.plan import START, load_campaign, prepare
+from circnav_mav.extras.campaign.store import Store
+from circnav_mav.mission.load import load_mission
+from tests.extras.campaign.conftest import CONFIG
+
+SHORT = '"limits.duration_s" = [5.0]\n"guidance.law" = ["smooth", "pi"]\n'
+
+
+def flown(store, results):
+    """The table of a campaign flown into a folder."""
+    for rows in results:
+        store.add(rows)
+    store.close()
+    store.sort()
+    return (store.folder / "runs.csv").read_bytes()
+
+
+@pytest.fixture
+def table(write, tmp_path):
+    """Of SHORT, flown in this process."""
+    campaign = load_campaign(write(SHORT))
+    return flown(Store(tmp_path / "here", campaign), on_cores(campaign, chunks(campaign), 1))
+
+
+def test_the_table_is_the_same_on_one_process_two_and_when_resumed(write, tmp_path, table):
+    campaign = load_campaign(write(SHORT))
+    assert table.count(b"\n") == 9
+    assert flown(Store(tmp_path / "two", campaign), on_cores(campaign, chunks(campaign)[::-1], 2)) == table
+    store = Store(tmp_path / "torn", campaign)
+    store.add(fly_chunk(campaign, chunks(campaign)[1]))
+    store.close()
+    with (tmp_path / "torn" / "runs.csv").open("ab") as file:
+        file.write(b"5,1234,smo")
+    store = Store(tmp_path / "torn", campaign, resume=True)
+    assert store.done == set(chunks(campaign)[1])
+    assert flown(store, on_cores(campaign, chunks(campaign), 1)) == table
+
+
+def test_the_table_is_the_same_on_two_workers_of_a_dask_scheduler(circnav, write, tmp_path, table):
+    distributed = pytest.importorskip("distributed", reason="needs the extra [cluster]")
+    path, there = write(SHORT), tmp_path / "there"
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+        done = circnav("campaign", path, "--out", there, "--scheduler", cluster.scheduler_address)
+    assert done.code == 0, done.err
+    assert (there / "runs.csv").read_bytes() == table
+
+
+def test_one_bad_run_does_not_stop_the_rest(write):
+    campaign = load_campaign(write(f'{SHORT}"orbit.radius_m" = [100.0, -5.0]'))
+    rows = fly_chunk(campaign, range(4))
+    assert [row["outcome"] for row in rows] == ["completed", "completed", "error", "error"]
+    assert "orbit.radius_m: must be above 0, not -5" in rows[2]["error"]
+
+
+def test_a_flight_that_breaks_the_program_is_a_row_too(write, monkeypatch):
+    def breaks(run):
+        raise RuntimeError("a\nb")
+
+    monkeypatch.setattr("circnav_mav.extras.campaign.fly.fly_lockstep", breaks)
+    (row,) = fly_chunk(load_campaign(write(SHORT, 'runs = 1\nengine = "lockstep"')), [0])
+    assert row["error"].startswith("internal error: RuntimeError: a b (")
+
+
+def test_values_and_seeds_follow_from_the_campaigns_seed_and_the_number_alone(write):
+    vary = '"guidance.law" = ["smooth", "pd"]\n"sim.ranging.noise_m" = {log_uniform = [0.1, 10]}'
+    campaign, more = load_campaign(write(vary)), load_campaign(write(vary), runs=5000)
+    assert [campaign.values(n) for n in range(8)] == [more.values(n) for n in range(8)]
+    first, second, third = (campaign.values(n) for n in range(3))
+    assert first | {"guidance.law": "pd"} == second
+    assert third["sim.seed"] != first["sim.seed"]
+    assert third["sim.ranging.noise_m"] != first["sim.ranging.noise_m"]
+    other = load_campaign(write(vary, "runs = 8\nseed = 4"))
+    assert other.values(0)["sim.seed"] != first["sim.seed"]
+    noises = [more.values(2 * n)["sim.ranging.noise_m"] for n in range(2000)]
+    assert sum(noise < 1 for noise in noises) / 2000 == pytest.approx(0.5, abs=0.05)
+
+
+def test_start_in_range_and_bearing_is_where_the_vehicle_begins(write):
+    vary = '"start.range_m" = [200.0]\n"start.bearing_deg" = [90.0]\n"start.heading_deg" = [30.0]'
+    campaign = load_campaign(write(vary + '\n"sim.target.north_m" = [50.0]\n"limits.duration_s" = [2.0]', starts=""))
+    (row,) = fly_chunk(campaign, [0])
+    shown = [row[name] for name in ("start_range_m", "start_bearing_deg", "start_heading_deg")]
+    assert shown == pytest.approx([200.0, 90.0, 30.0], abs=1e-3)
+
+
+def test_a_wrong_sense_of_rotation_is_seen_on_the_true_track(write, monkeypatch):
+    """A wrong sign behind the steering: the circle is as good, for range cannot see direction."""
+    campaign = load_campaign(write('"limits.duration_s" = [90.0]\n"sim.wind.speed_mps" = [0.0]'))
+    right = fly_chunk(campaign, [0])[0]
+    command = Guidance.command
+
+    def mirrored(*arguments):
+        turn, cut = command(*arguments)
+        return -turn, cut
+
+    monkeypatch.setattr(Guidance, "command", mirrored)
+    wrong = fly_chunk(campaign, [0])[0]
+    assert (right["sense"], right["right_way"], right["kept"]) == ("clockwise", True, True)
+    assert (wrong["sense"], wrong["right_way"], wrong["kept"]) == ("counterclockwise", False, False)
+    assert wrong["rms_m"] < 1.0
+
+
+def test_the_command_flies_sums_up_and_draws_and_goes_on_where_it_stopped(circnav, write, tmp_path):
+    """A picture that cannot be drawn is a warning; and where nothing is missing nobody is asked to fly."""
+    path, out = write(SHORT + '"sim.wind.speed_mps" = {uniform = [0, 2]}'), tmp_path / "out"
+    ran = circnav("campaign", path, "--out", out, "--processes", "1")
+    assert ran.code == 0, ran.err
+    assert "guidance.law = smooth" in ran.out
+    names = {"runs.csv", "summary.json", "campaign.toml", "mission.toml", "starts.png", "distributions.png",
+             "error-guidance-law.png", "error-sim-wind-speed-mps.png"}  # fmt: skip
+    assert {file.name for file in out.iterdir()} == names
+    table = (out / "runs.csv").read_bytes()
+    again = circnav("campaign", path, "--out", out)
+    assert (again.code, again.out.count("\n"), again.err.count("\n")) == (2, 0, 1)
+    for name in ("summary.json", "distributions.png", "error-guidance-law.png"):
+        (out / name).unlink()
+    (out / "distributions.png").mkdir()
+    again = circnav("campaign", path, "--out", out, "--resume", "--scheduler", "tcp://127.0.0.1:9")
+    assert (again.code, again.err) == (0, "")
+    assert f"WARNING    {out / 'distributions.png'}: could not be drawn: Is a directory" in again.out
+    assert json.loads((out / "summary.json").read_text())["all"]["flights"] == 8
+    assert (out / "error-guidance-law.png").exists()
+    assert (out / "runs.csv").read_bytes() == table
+    (out / "distributions.png").rmdir()
+    more = circnav("campaign", path, "--out", out, "--resume", "--runs", "10", "--processes", "1")
+    assert more.code == 0 and "WARNING" not in more.out
+    assert (out / "runs.csv").read_bytes().startswith(table) and (out / "runs.csv").read_text().count("\n") == 11
+
+
+def test_the_documented_way_to_fly_a_row_alone_gives_the_rows_mission():
+    """The example's values where the example's keys stand, and its command as it stands."""
+    page = (CONFIG.parent / "docs" / "campaigns.md").read_text()
+    command = shlex.split(re.search(r"circnav fly .*?\n\n", page, re.DOTALL)[0].replace("\\\n", " "))
+    overrides = [word for before, word in pairwise(command) if before == "--set"]
+    values = dict(override.split("=") for override in overrides)
+    assert set(values) == {"sim.seed", "guidance.law", "sim.wind.speed_mps", "orbit.radius_m",
+                           "sim.start.random.range_m", "sim.start.random.bearing_deg"}  # fmt: skip
+    mission = load_mission(bundled("mission", command[2]), overrides)
+    low, high = mission.file.sim["start"]["random"]["range_m"]
+    assert low == high == 153.25
+    assert parse_vehicle(mission.file.sim, "sim").seed == int(values["sim.seed"])
+
+
+def test_a_row_flown_alone_as_documented_is_the_run_of_the_campaign(write):
+    campaign = load_campaign(write('"guidance.law" = ["relay"]\n"orbit.radius_m" = {uniform = [80, 120]}'))
+    run = prepare(campaign, 3)
+    overrides = [
+        f"{START[key]}=[{value}, {value}]" if key in START else f"{key}={value}" for key, value in run.values.items()
+    ]
+    alone = load_mission(CONFIG / "campaign_mission.toml", overrides)
+    assert alone.file == run.mission.file
+    assert parse_vehicle(alone.file.sim, "sim") == run.vehicle
+
+
+def test_a_mission_that_no_batch_flies_is_refused_where_a_batch_is_asked_for(circnav, write, tmp_path):
+    path = write('"guidance.radius_trim_per_s" = [0.05]', 'runs = 2\nengine = "batch"')
+    ran = circnav("campaign", path, "--out", tmp_path / "never")
+    assert ran.code == 2
+    assert 'engine: "batch" cannot fly this: guidance.radius_trim_per_s is not 0' in ran.err
+    assert not (tmp_path / "never").exists()
+
+
+def test_the_campaign_that_ships_is_flown_in_batches():
+    campaign = load_campaign(CONFIG / "campaigns" / "wind.toml")
+    assert [obstacle(prepare(campaign, number)) for number in range(campaign.cells)] == [None] * campaign.cells

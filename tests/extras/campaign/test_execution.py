@@ -1,0 +1,147 @@
+"""Who flies a campaign, and what is left when they end before it does."""
+
+import concurrent.futures
+import os
+import re
+import select
+import signal
+import socket
+import subprocess
+import sys
+from unittest.mock import MagicMock
+
+import pytest
+
+from circnav_mav.extras.campaign import execute, fly
+from circnav_mav.extras.campaign.execute import on_cores, on_scheduler
+from circnav_mav.extras.campaign.fly import chunks, fly_chunk, fly_part
+from circnav_mav.extras.campaign.plan import CampaignError, load_campaign
+from circnav_mav.extras.campaign.store import Store
+from tests.process import PATIENCE, ROOT
+
+SHORT = '"limits.duration_s" = [5.0]\n'
+MIXED = SHORT + '"guidance.radius_trim_per_s" = [0.05, 0.0]\n'
+
+
+@pytest.fixture
+def begun(write, tmp_path):
+    """A long campaign on two processes that has its first rows."""
+    path, out = write(SHORT, 'runs = 20000\nengine = "lockstep"'), tmp_path / "out"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "circnav_mav", "campaign", path, "--out", out, "--processes", "2"], cwd=ROOT,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # these tests may run where it is ignored
+    )  # fmt: skip
+    table = out / "runs.csv"
+    while process.poll() is None and not (table.exists() and table.read_bytes().count(b"\n") > 1):
+        select.select([], [], [], 0.05)
+    yield process
+    process.kill()
+    process.communicate()
+
+
+@pytest.mark.parametrize(("send", "number"), [(os.kill, signal.SIGTERM), (os.killpg, signal.SIGINT)])
+def test_a_signal_keeps_what_was_flown_and_says_how_to_go_on(begun, tmp_path, send, number):
+    """A Ctrl-C on a terminal is heard by everybody."""
+    send(begun.pid, number)
+    said, complaint = begun.communicate(timeout=PATIENCE)
+    assert begun.returncode == 130, complaint
+    assert f"go on with --out {tmp_path / 'out'} --resume" in said
+    assert "Traceback" not in complaint
+    Store(tmp_path / "out", load_campaign(tmp_path / "campaign.toml"), resume=True).close()  # whole lines only
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_rows_of_a_mixed_grid_come_one_by_one_and_are_those_of_the_whole(write, monkeypatch, processes):
+    """Each flight that no batch flies is a piece of work of its own, which others take where there are any."""
+    campaign = load_campaign(write(MIXED, "runs = 8"))
+    whole = fly_chunk(campaign, range(8))
+    if processes > 1:
+        monkeypatch.setattr(fly, "fly_lockstep", None)  # in this process, not in the others
+    pieces = list(on_cores(campaign, [range(8)], processes))
+    assert max(sum(row["engine"] == "lockstep" for row in rows) for rows in pieces) == 1
+    assert sorted((row for rows in pieces for row in rows), key=lambda row: row["run"]) == whole
+
+
+def test_a_batch_is_made_of_what_a_batch_flies_whatever_run_0_needs(write):
+    campaign = load_campaign(write(MIXED, "runs = 40"))
+    assert [len(chunk) for chunk in chunks(campaign)] == [10] * 4
+    alone = load_campaign(write(SHORT, 'runs = 9\nengine = "lockstep"'))
+    assert [len(chunk) for chunk in chunks(alone)] == [1] * 9
+    rows, left = fly_part(campaign, range(4), range(4))
+    assert ([row["run"] for row in rows], left) == ([1, 3], [0, 2])
+
+
+def test_a_torn_chunk_is_flown_as_the_batch_that_it_was_and_gives_the_rows_that_are_missing(write, monkeypatch):
+    """Of 8 runs 5 are there, one of them of those that fly alone."""
+    together, alone = [], []
+    fly_batch, lockstep = fly.fly_batch, fly.fly_lockstep
+    monkeypatch.setattr(fly, "fly_batch", lambda runs: together.append([run.number for run in runs]) or fly_batch(runs))
+    monkeypatch.setattr(fly, "fly_lockstep", lambda run: alone.append(run.number) or lockstep(run))
+    campaign = load_campaign(write(MIXED, "runs = 8"))
+    pieces = list(on_cores(campaign, [range(8)], 1, done={0, 1, 3, 4, 7}))
+    assert sorted(row["run"] for rows in pieces for row in rows) == [2, 5, 6]
+    assert together == [[1, 3, 5, 7]]
+    assert alone == [2, 6]
+
+
+# --- a Dask scheduler ---
+
+
+@pytest.fixture
+def refusal(write):
+    """Why nobody at an address flies: refusal(address)."""
+
+    def refusal(address):
+        with pytest.raises(CampaignError) as told:
+            list(on_scheduler(load_campaign(write(SHORT)), [[0]], address))
+        assert "\n" not in str(told.value)
+        return str(told.value)
+
+    return refusal
+
+
+@pytest.fixture
+def distributed():
+    return pytest.importorskip("distributed", reason="needs the extra [cluster]")
+
+
+@pytest.mark.parametrize(
+    ("address", "listens", "says"),
+    [
+        *((address, False, "write it as tcp://HOST:PORT")
+          for address in ("foo", "", "tcp://127.0.0.1:notaport", "/tmp/file", "tcp://127.0.0.1:99999", "tcp://:1",
+                          "ucx://127.0.0.1:8786")),
+        *((scheme + "://127.0.0.1:{}", True, f"{scheme} needs the certificates") for scheme in ("tls", "wss")),
+        *((scheme + "://127.0.0.1:{}", False, "nobody answers: Connection refused")
+          for scheme in ("tcp", "tls", "ws", "wss")),
+        ("tcp://127.0.0.1:{}", True, "nobody answers: timed out"),
+    ],
+)  # fmt: skip
+def test_an_address_where_no_scheduler_can_be_is_refused_before_dask_is_asked(
+    refusal, distributed, monkeypatch, address, listens, says
+):
+    monkeypatch.setattr(distributed, "Client", None)
+    monkeypatch.setattr(execute, "PATIENCE", 0.2)
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        if listens:
+            other.listen()
+        assert says in refusal(address.format(other.getsockname()[1]))
+
+
+def test_a_scheduler_that_dies_in_between_is_one_line_that_says_how_to_go_on(refusal, distributed, monkeypatch):
+    died = concurrent.futures.Future()
+    died.set_exception(distributed.client.FutureCancelledError("fly", "scheduler-connection-lost"))
+    client = MagicMock()
+    client.return_value.scheduler_info.return_value = {"workers": {"one": None}}
+    client.return_value.get_executor.return_value.submit.return_value = died
+    client.return_value.__exit__.return_value = False
+    monkeypatch.setattr(distributed, "Client", client)
+    monkeypatch.setattr(execute, "_check_listens", lambda address: None)
+    assert re.search("scheduler-connection-lost.*--resume flies what is missing", refusal("tcp://there:1"))
+
+
+def test_dask_that_is_not_installed_is_told_with_the_remedy(refusal, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert "pip install distributed" in refusal("tcp://127.0.0.1:9")

@@ -1,0 +1,106 @@
+"""Campaign files that are wrong are refused before the first flight, in one line that names the file."""
+
+import re
+
+import pytest
+
+from circnav_mav.extras.campaign.plan import CampaignError, hopeless, load_campaign
+from tests.extras.campaign.conftest import CONFIG
+
+SHIPPED = f'mission = "{CONFIG / "campaign_mission.toml"}"\nruns = 3\n[vary]\n'
+RADIUS = SHIPPED + "orbit.radius_m = "
+
+
+def refusal(path):
+    with pytest.raises(CampaignError, match=f"^{re.escape(str(path))}: .*$") as told:
+        load_campaign(path)
+    return str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ('mission = "m.toml"\nruns = 3\nrunz = 4\n[vary]', "runz: unknown key, did you mean runs?"),
+        ('mission = "m.toml"\n[vary]', "runs: missing, add it"),
+        ('mission = "m.toml"\nruns = 0\n[vary]', "runs: must be at least 1, not 0"),
+        ('mission = "m.toml"\nruns = 3\n[vary]', "m.toml: cannot be read"),
+        ("runs = ", "not valid TOML"),
+        ("a = " + "[" * 100_000, "not valid TOML: nested too deeply"),
+        ('mission = "m.toml"\nruns = 3\nseed = "É"\n[vary]', "seed: should be a valid integer, not 'É'"),
+        (SHIPPED, "vary: is empty"),
+        (RADIUS + "{unifrom = [1, 2]}", "radius_m: unifrom: unknown key, did"),
+        (RADIUS + "{uniform = [2, 1]}", "radius_m: uniform: [2, 1] is empty"),
+        (RADIUS + "{normal = [2, -1]}", "standard deviation"),
+        (RADIUS + "[]", "is an empty list"),
+        (RADIUS + "5", "vary.orbit.radius_m: write a list"),
+    ],
+    ids=lambda value: value[-40:],
+)
+def test_a_campaign_file_that_is_wrong_is_one_line_with_the_remedy(tmp_path, text, says):
+    (tmp_path / "wrong.toml").write_text(text)
+    assert says in refusal(tmp_path / "wrong.toml")
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "says"),
+    [
+        ('"sim.wind.speed_mps" = [1.0]', '"sim.wind" = [{from_deg = 5.0}]', "{} and {} set the same key: keep one"),
+        ('"sim.wind" = [{from_deg = 5.0}]', '"sim.wind.speed_mps" = [1.0]', "{} and {} set the same key: keep one"),
+        ('"start.range_m" = [80]', '"sim.start.random.range_m" = [[1, 2]]', "{} and {} set the same key: keep one"),
+        ('"sim.start" = [{}]', '"start.range_m" = [80]', "{} and {} set the same key: keep one"),
+        ('"guidance.law" = ["smooth"]', 'guidance.law = ["pi"]', "{} is there twice, in two spellings: keep one"),
+    ],
+)
+def test_two_keys_that_set_the_same_are_refused(write, first, second, says):
+    keys = [line.split('"')[1] for line in (first, second)]
+    assert refusal(write(f"{first}\n{second}", starts="")).endswith(f"vary: {says.format(*keys)}")
+
+
+def test_keys_that_only_begin_alike_are_not_the_same(write):
+    assert len(load_campaign(write('"sim.ranging.noise_m" = [1.0]\n"sim.ranging.noise" = [1.0]', starts="")).specs) == 2
+
+
+@pytest.mark.parametrize("numbers", ["[-1.7e308, 1.7e308]", "[0, inf]", "[nan, 1]", "[true, 1]", "[1, 2, 3]"])
+@pytest.mark.parametrize("kind", ["uniform", "log_uniform", "normal"])
+def test_bounds_that_leave_no_number_to_draw_are_refused(write, kind, numbers):
+    path = write(f'"orbit.radius_m" = {{{kind} = {numbers}}}', starts="")
+    assert f"vary.orbit.radius_m: {kind}: must be two numbers" in refusal(path)
+
+
+@pytest.mark.parametrize(
+    ("vary", "says"),
+    [
+        ('"guidance.law" = ["smooth", "smoth"]', "guidance.law: 'smoth' is not one of"),
+        (
+            '"guidance.law" = ["smooth"]\n"sim.ranging.preset" = ["gaussian", "gausian"]',
+            "not 'gausian', did you mean \"gaussian\"?",
+        ),
+        ('"orbit.radius_m" = [80.0, -1.0]', "orbit.radius_m: must be above 0, not -1"),
+        ('"orbit.radius_m.x" = [80]', "vary: orbit.radius_m.x: radius_m is a value, not a table"),
+    ],
+)
+def test_a_listed_value_that_can_never_be_flown_is_refused_before_the_first_flight(write, vary, says):
+    path = write(vary)
+    reason = hopeless(load_campaign(path))
+    assert reason.startswith(f"{path}: ")
+    assert says in reason
+
+
+@pytest.mark.parametrize(
+    "vary",
+    [
+        '"sim.wind.speed_mps" = [0.0, 1.0]\n"orbit.radius_m" = {uniform = [-50, 200]}',
+        '"guidance.law" = ["smooth", "pi", "pd", "relay", "bounded", "feedforward", "auto", "switching"]\n'
+        '"sim.wind.speed_mps" = [0.0, 1.0, 2.0, 3.0, 4.0]\n'
+        '"sim.ranging.message" = ["named_value_float", "distance_sensor", "ranging_beacon"]\n'
+        '"sim.ranging.via" = ["direct", "autopilot"]',
+    ],
+    ids=["drawn radii below 0 are not the wind's fault", "one of the messages can be sent again, of 240 points"],
+)
+def test_a_listed_value_that_can_be_flown_with_some_of_the_others_is_no_mistake(write, vary):
+    assert hopeless(load_campaign(write(vary))) is None
+
+
+def test_a_mission_file_is_known_as_one():
+    path = CONFIG / "campaign_mission.toml"
+    assert refusal(path) == f"{path}: is a mission file, fly it with: circnav fly {path}"

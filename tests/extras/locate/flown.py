@@ -1,0 +1,97 @@
+"""Flights of the bundled vehicle in lockstep, with the survey beside the pilot, as the loop of a flight runs them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import atan2, pi
+
+import numpy as np
+from circnav_sim.vehicle import Truth
+from circnav_sim.world import to_degrees
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.extras.locate.estimator import NotYet, locate
+from circnav_mav.extras.locate.locator import LocateSettings, Locator
+from circnav_mav.extras.locate.place import Place
+from circnav_mav.pilot.loop_step import LoopStep
+from tests.flight.lockstep import Flight, flight
+
+COMPONENT = 194
+GPS_LOST = (
+    'sim.events=[{at_s=60.0, action="gps_off"}]', "sim.sensors.dead_reckoning_mps=1", "sim.sensors.gps_error_m=1",
+    "sim.sensors.gps_error_time_s=600", "sim.wind.speed_mps=5", "sim.start.north_m=150", "sim.start.east_m=-100",
+    "limits.duration_s=85",
+)  # fmt: skip
+"""A plane that circles, loses its GPS after a minute, and is given back 25 s later."""
+
+
+@dataclass
+class Surveyed(Flight):
+    """A flight and what its survey found. said: (time, frame). solve_from: before it no place is looked for, s."""
+
+    locator: Locator | None = None
+    said: list[tuple[float, bytes]] = field(default_factory=list)
+    solve_from: float = 0.0
+    solve_every: float = 1.0
+    _solve_at: float = 0.0
+
+    def _keep(self, step: LoopStep) -> None:
+        super()._keep(step)
+        locator = self.locator
+        assert locator is not None
+        for link, source, frames in step.heard:
+            locator.hear(link, source, frames, self.now)
+        if self.now >= max(self.solve_from, self._solve_at) and (job := locator.job(self.now)) is not None:
+            self._solve_at = self.now + self.solve_every
+            locator.found(locate(*job))
+        for frame in locator.step(self.now):
+            self.said.append((self.now, frame))
+            self.vehicle.receive(frame)
+
+    def fly(self, until: float, watch=None) -> "Surveyed":  # type: ignore[no-untyped-def, override]
+        """Also beyond the end of guidance, as long as the survey has something to do."""
+        while self.now < until and (not self.pilot.done or self.locator.busy):  # type: ignore[union-attr]
+            self._step(until if self.pilot.done else min(self.pilot.scheduler.due, until))
+            if watch is not None:
+                watch(self)
+        return self
+
+    def solve(self) -> Place | NotYet:
+        """What the survey makes of all that it has heard."""
+        assert self.locator is not None
+        self.locator._solve_at = 0.0
+        job = self.locator.job(self.now)
+        assert job is not None
+        return locate(*job)
+
+    @property
+    def messages(self) -> list[tuple[float, mavlink.MAVLink_message]]:
+        """What the survey has said, and when, by pymavlink."""
+        parser = mavlink.MAVLink(None)
+        return [(time, message) for time, frame in self.said for message in parser.parse_buffer(frame) or ()]
+
+    def error(self, place: Place) -> np.ndarray:
+        """East and north of the true place, m."""
+        truth = self.vehicle.truth
+        latitude, longitude = to_degrees(truth.target_north, truth.target_east)
+        east, north = place.plane.to_metres(latitude, longitude)
+        there = place.at(self.now)
+        return np.array([there.east - east, there.north - north])
+
+
+def surveyed(mission: str, *overrides: str, law: str | None = None, **settings: object) -> Surveyed:
+    """A flight of a file in config/ with its survey."""
+    flown = flight(mission, *overrides, law=law)
+    locator = Locator(LocateSettings(COMPONENT, **settings), flown.pilot)  # type: ignore[arg-type]
+    return Surveyed(flown.pilot, flown.vehicle, locator=locator)
+
+
+def laps(truths: Sequence[Truth]) -> float:
+    """Flown round the true target."""
+    angles = [atan2(one.north - one.target_north, one.east - one.target_east) for one in truths]
+    return abs(float(np.unwrap(angles)[-1]) - angles[0]) / (2 * pi) if angles else 0.0
+
+
+def nees(flown: Surveyed, place: Place) -> float:
+    """Squared error in units of the place's own covariance."""
+    error = flown.error(place)
+    return float(error @ np.linalg.solve(place.at(flown.now).covariance, error))

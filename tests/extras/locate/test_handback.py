@@ -1,0 +1,259 @@
+"""Positions given back to an autopilot that has lost its own: whole flights of the emulated plane."""
+
+from math import hypot, pi
+
+import numpy as np
+import pytest
+from circnav_sim.world import to_degrees
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.extras.locate.handback import DeadReckoning, HandBack, HandBackSettings, Health, Where
+from circnav_mav.extras.locate.place import Place, Plane
+from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RelativeMotion
+from tests.extras.locate.flown import GPS_LOST, surveyed
+
+POSITION = mavlink.MAV_CMD_EXTERNAL_POSITION_ESTIMATE
+LOST_AT, END = 60.0, 105.5  # not a whole second: each position is answered
+HERE = Where(0.0, 15.0, 0.0, 3.0, 0j, 1.0, True)
+ON_PLANE = Plane(-35.0, 149.0)
+
+
+def commands(flown):
+    return [(time, one) for time, one in flown.messages if one.get_type() == "COMMAND_INT" and one.command == POSITION]
+
+
+def own_error(flown):
+    """Of the position that the autopilot reports, m."""
+    return hypot(*flown.vehicle._flight.position_error)
+
+
+def test_an_autopilot_without_gps_is_kept_where_it_is_also_after_guidance_has_ended():
+    """Of an autopilot that drifts away by 1 m/s in each axis, which nobody helps: 45 s later it is some 45 m off."""
+    errors: list[tuple[float, float]] = []
+    flown = surveyed("arduplane", *GPS_LOST, law="auto", handback=HandBackSettings())
+    flown.solve_from, flown.solve_every = 50.0, 10.0
+    flown.fly(END, lambda one: errors.append((one.now, own_error(one))))
+    given = commands(flown)
+    assert given[0][0] == pytest.approx(LOST_AT + 12.0, abs=1.0), "not when the estimator says so"
+    assert len(given) >= 8 and flown.pilot.done
+    late = sorted(error for time, error in errors if time > LOST_AT + 15)
+    assert late[len(late) // 2] < 10.0 and late[-1] < 25.0
+    (_, first), back = given[0], flown.locator.handback
+    assert first.frame == mavlink.MAV_FRAME_GLOBAL and first.z != first.z and first.param3 >= 1.0
+    assert all(0 <= one.param2 < 0.15 for _, one in given), "the estimate is not as old as it is told"
+    assert flown.locator.job(END + 100.0) is None, "the place is estimated again without a new position"
+    assert back.plain() == {"sent": len(given), "accepted": len(given), "ended": "going on"}
+    assert given[-1][0] > flown.sent[-1][0] + 5.0, "it ended with guidance"
+
+
+def lost_early(law, until, **settings):
+    """A flight whose GPS is lost before anybody could have found the target."""
+    lost = 'sim.events=[{at_s=10.0, action="gps_off"}]'
+    flown = surveyed(
+        "arduplane", lost, *GPS_LOST[1:], "sim.target.north_m=0", "sim.target.east_m=0", law=law, **settings
+    )
+    flown.solve_from = 1e9
+    return flown.fly(until)
+
+
+def test_off_by_default_nothing_is_given_and_the_same_autopilot_drifts_away():
+    flown = lost_early("smooth", 45.0)
+    assert commands(flown) == []
+    assert own_error(flown) > 30.0
+
+
+def test_a_place_that_the_mission_gives_needs_no_survey():
+    flown = lost_early("auto", 70.0, handback=HandBackSettings(place=to_degrees(0.0, 0.0)))
+    assert commands(flown)[0][0] < 45.0
+    assert own_error(flown) < 10.0
+    asked = [one.param1 for _, one in flown.messages if one.get_type() == "COMMAND_LONG"]
+    wanted = [GPS, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, GPS2, EKF]
+    assert sorted(asked) == wanted, "streams that flow, or that of a receiver that is not there, are asked for again"
+
+
+def give(goods, result, every=1.0, off=0.0, until=1e9):
+    """When, s, positions were given to an autopilot that answers each with a result, and reports to be so far off, m.
+    goods: whether it has a position, every .1 s. until: when ours is lost, s."""
+    back, times = HandBack(HandBackSettings(every=every)), []
+    for tick, good in enumerate(goods):
+        where = HERE if tick / 10 < until else None
+        if back.step(tick / 10, good=good, where=where, plane=ON_PLANE, target=(1, 1)) is not None:
+            times.append(tick / 10)
+            back.answered(mavlink.MAVLink_command_ack_message(POSITION, result, 0, 0, 1, 194), (1, 194), tick / 10)
+        back.reported(HERE.east + off, HERE.north, HERE, tick / 10)
+    return back, times
+
+
+def test_nothing_is_given_while_there_is_a_position_or_nobody_says_so_and_no_more_once_it_is_back():
+    back, times = give([True] * 50 + [False] * 200 + [None] * 100 + [True] * 100, mavlink.MAV_RESULT_ACCEPTED, 5.0)
+    assert times == [7.0, 12.0, 17.0, 22.0]  # it is gone at 5 s, and has been for 2
+    assert back.ended == "the autopilot has a position again"
+
+
+def test_the_alarm_does_not_say_that_a_position_is_given_when_none_is():
+    assert give([False] * 100, mavlink.MAV_RESULT_ACCEPTED)[0].words.startswith("position lost, given by ranges")
+    assert "none to give" in give([False] * 100, mavlink.MAV_RESULT_ACCEPTED, until=5.0)[0].words
+    assert give([False] * 50 + [True] * 20 + [False] * 10, mavlink.MAV_RESULT_ACCEPTED)[0].words == ""
+
+
+GPS, GPS2 = mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, mavlink.MAVLINK_MSG_ID_GPS2_RAW
+EKF, ESTIMATOR = mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT, mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS
+RECKONS, CONSTANT = 0x12F, 0xA7
+"""ArduPilot's flags as NavEKF3_core::updateFilterStatus sets them: by airspeed alone; at rest."""
+PX4_RECKONS, PX4_FUSES = 0x13F, 0x33F
+"""PX4's as Ekf::get_ekf_soln_status does: by airspeed and no slip its absolute position counts as valid."""
+
+
+@pytest.mark.parametrize(
+    ("said", "good"),
+    [
+        ({GPS: 1, EKF: RECKONS}, False),
+        ({GPS: 1, EKF: CONSTANT}, False),
+        ({GPS: 1, EKF: RECKONS | 0x10}, True),
+        ({GPS: 1, GPS2: 3, EKF: RECKONS}, True),
+        ({GPS: 3, EKF: RECKONS}, True),
+        ({GPS: 1, GPS2: 0, ESTIMATOR: PX4_RECKONS}, False),
+        ({GPS: 1, ESTIMATOR: PX4_FUSES}, True),
+        ({GPS: 1}, None),
+        ({EKF: RECKONS}, None),
+    ],
+    ids=["dead reckoning", "at rest", "vision or beacons", "a second GPS", "a fix", "PX4, dead reckoning",
+         "PX4, auxiliary position", "estimator not heard", "GPS not heard"],
+)  # fmt: skip
+def test_a_position_is_lost_only_where_receivers_and_estimator_both_say_so(said, good):
+    health = Health()
+    for ident, value in said.items():
+        message = mavlink.mavlink_map[ident]
+        fields = {name: value if name in ("fix_type", "flags") else 0 for name in message.fieldnames}
+        health.hear(message(**fields), 10.0)
+    assert health.good(12.0) is good
+    assert health.good(13.1) is None, "an old word counts"
+
+
+def reckoned(heard):
+    """Due north at 20 m/s through the air, 5 m/s of wind to the east, for 60 s from 100 m east of the target. heard:
+    whether the vehicle is, by the time, s."""
+    reckoning = DeadReckoning()
+    reckoning.where = Where(0.0, 100.0, 0.0, 3.0, 5 + 0j, 1.0, True)
+    for now in np.arange(1, 601) / 10:
+        reckoning.step(now, OwnMotion(now, pi / 2, 0.0, 20.0) if heard(now) else None, None, None)
+    return reckoning.where
+
+
+def test_dead_reckoning_goes_on_through_the_air_with_the_wind_learnt_before():
+    """By a compass whose bias was not learnt, .09 rad of 20 m/s, and .3 m/s of wind."""
+    here = reckoned(lambda now: True)
+    assert (here.east, here.north) == pytest.approx((400.0, 1200.0), abs=1e-6)
+    assert here.sigma == pytest.approx(3.0 + hypot(0.3, 0.09 * 20) * 60, rel=1e-3) and not here.by_ranges
+
+
+def test_a_gap_in_attitude_or_airspeed_costs_certainty_and_not_the_place():
+    """In 3 s without a word it may have turned anywhere."""
+    here = reckoned(lambda now: not 20 < now < 23)
+    assert (here.east, here.north) == pytest.approx((400.0, 1200.0), abs=1e-6)
+    assert here.sigma - reckoned(lambda now: True).sigma == pytest.approx(2.9 * (20 - 1.8), rel=0.05)
+
+
+def test_a_slow_tick_costs_certainty_and_not_the_place():
+    reckoning = DeadReckoning()
+    reckoning.where = Where(0.0, 0.0, 0.0, 3.0, 0j, 1.0, True)
+    reckoning.step(2.0, OwnMotion(2.0, 0.0, 0.0, 20.0), None, None)
+    assert (reckoning.where.east, reckoning.where.sigma) == pytest.approx((40.0, 43.0), abs=0.1)
+
+
+def late(*results, delay):
+    """Positions given to an autopilot that answers each with some results, one after the other, so many s later."""
+    back, answers, times = HandBack(HandBackSettings()), [], []
+    for now in (round(0.05 * tick, 6) for tick in range(600)):
+        for result in [result for at, result in answers if at == now]:
+            back.answered(mavlink.MAVLink_command_ack_message(POSITION, result, 0, 0, 1, 194), (1, 194), now)
+        if back.step(now, good=False, where=HERE, plane=ON_PLANE, target=(1, 1)) is not None:
+            times.append(now)
+            answers += [(round(now + delay * (which + 1), 6), result) for which, result in enumerate(results)]
+    return back, times
+
+
+def test_an_autopilot_that_answers_in_progress_is_waited_for_and_one_that_stays_so_is_left_alone():
+    progress, accepted = mavlink.MAV_RESULT_IN_PROGRESS, mavlink.MAV_RESULT_ACCEPTED
+    back, times = late(progress, accepted, delay=0.2)
+    assert len(times) > 20 and {one.answer for one in back.given[:-1]} == {"accepted"}
+    assert len(late(progress, delay=0.2)[1]) == 3
+
+
+def test_an_answer_that_comes_late_is_that_to_the_position_given_before_it():
+    """The second position is given when all to the first may have come."""
+    back, times = late(mavlink.MAV_RESULT_DENIED, delay=2.5)
+    assert len(times) == 1 and back.given[0].answer == "denied" and back.over
+    back, times = late(mavlink.MAV_RESULT_ACCEPTED, delay=3.5)
+    assert np.diff(times).min() > 3.5 and {one.answer for one in back.given[:-1]} == {"accepted"}
+
+
+TARGET = Place(0.0, ON_PLANE, 0.0, 0.0, 0.0, np.eye(2), up_sigma=1.0, up_known=True)
+
+
+def by_ranges(time, east, north, drift=5 + 0j, sigma=2.0, r=None):
+    """What the filter says: the vehicle there, heading north at 20 m/s through the air, carried by a drift."""
+    motion = RelativeMotion(east, north, sigma, drift.real, drift.imag, pi / 2, 0.0, 20.0, 1.0, True)
+    return RangeEstimate(time, hypot(east, north) if r is None else r, 0.0, 0.5, 0.5, relative=motion)
+
+
+def told(estimates, reckoning=None):
+    """Dead reckoning of a vehicle that flies north at 20 m/s through the air, ten estimates a second."""
+    reckoning = reckoning or DeadReckoning()
+    for estimate in estimates:
+        own = OwnMotion(estimate.time, pi / 2, 0.0, 20.0)
+        reckoning.step(estimate.time, own, TARGET, estimate if estimate.r > 0 else None)
+    return reckoning
+
+
+def test_straight_away_from_the_target_the_bearing_is_that_by_the_wind_of_the_circle_at_the_distance_measured():
+    """Away from there the filter believes in the gust of its last moment, 2 m/s to the east, and knows how little that
+    is worth. The vehicle goes at 21 m/s over the ground: only ranges tell."""
+    reckoning = told(by_ranges(t, 0.0, 150.0) for t in np.arange(1, 301) / 10)
+    away = [(30 + t, 5 * t, 150 + 21 * t) for t in np.arange(1, 601) / 10]
+    told((by_ranges(t, e + 2 * (t - 30), n, 7 + 0j, 2 + 1.5 * (t - 30), hypot(e, n)) for t, e, n in away), reckoning)
+    here = reckoning.where
+    t = here.time - 30
+    assert here.by_ranges and hypot(here.east, here.north) == pytest.approx(hypot(5 * t, 150 + 21 * t), abs=0.1)
+    assert (here.east, here.north) == pytest.approx((5 * t, 150 + 21 * t), abs=15.0)
+    assert here.wind == pytest.approx(5 + 0j, abs=0.1), "it has learnt from what nobody measured"
+    told([by_ranges(90.0 + t, 0.0, 0.0, r=0.0) for t in np.arange(1, 601) / 10], reckoning)
+    assert (reckoning.where.east - here.east, reckoning.where.north - here.north) == pytest.approx((300, 1200), abs=10)
+
+
+def test_another_wind_counts_within_a_quarter_of_a_minute_and_a_gust_does_not():
+    def circled(*drifts):
+        return told(by_ranges(t, 0.0, 150.0, drift) for t, drift in zip(np.arange(1, 2000) / 10, drifts, strict=False))
+
+    old, new = [5 + 0j] * 900, [-3 + 4j] * 150
+    assert abs(circled(*old, *new).where.wind - (-3 + 4j)) < 0.5
+    assert abs(circled(*old, *new[:60]).where.wind - 5) < 1.5
+
+
+def test_while_the_filter_and_the_way_flown_tell_two_places_the_filter_is_believed():
+    """Its standard deviation grows where the wind changes; but dead reckoning has the old wind."""
+    reckoning = told(by_ranges(t, 0.0, 150.0) for t in np.arange(1, 301) / 10)
+    for t in np.arange(301, 401) / 10:
+        here = told([by_ranges(t, 0.0, 150.0, 5 + 20j, 8.0)], reckoning).where
+        assert hypot(here.east, here.north - 150.0) < 3 * 8.0 + 3.0
+
+
+def test_a_distance_that_cannot_be_moves_nothing():
+    reckoning = told(by_ranges(t, 0.0, 150.0) for t in np.arange(1, 301) / 10)
+    told((by_ranges(t, 0.0, 150.0, sigma=900.0, r=2000.0) for t in np.arange(301, 311) / 10), reckoning)
+    assert (reckoning.where.east, reckoning.where.north) == pytest.approx((5.0, 170.0), abs=1.0)
+
+
+@pytest.mark.parametrize(
+    ("result", "off", "times", "ended"),
+    [
+        (mavlink.MAV_RESULT_UNSUPPORTED, 0.0, 1, "the autopilot answered: "),
+        (mavlink.MAV_RESULT_DENIED, 0.0, 1, "the autopilot answered: "),
+        (77, 0.0, 1, "the autopilot answered: result 77"),
+        (mavlink.MAV_RESULT_ACCEPTED, 400.0, 3, "positions are accepted, and have no effect"),
+    ],
+    ids=["unknown", "denied", "not understood", "accepted without effect, as where DCM flies"],
+)
+def test_an_autopilot_that_helps_itself_no_further_is_left_alone(result, off, times, ended):
+    back, given = give([False] * 600, result, off=off)
+    assert len(given) == times and back.over and back.ended.startswith(ended)

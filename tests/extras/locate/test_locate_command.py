@@ -1,0 +1,290 @@
+"""`circnav locate` on logs of anybody's, against an independent filter and hand-made worlds."""
+
+import csv
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from math import hypot, nan
+
+import click
+import numpy as np
+import pytest
+from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav import cli
+from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.extras.locate.estimator import Ranges, Track
+from circnav_mav.extras.locate.export import own_beacon
+from circnav_mav.extras.locate.place import Place, Plane
+from circnav_mav.extras.locate.range_log import RangeLog
+from circnav_mav.report import plots
+from tests.extras.locate.worlds import PLANE, circles
+from tests.small_mission import TEXT
+
+Row = Sequence[object]
+PLACE = Place(0.0, PLANE, 0.0, 0.0, 400.0, np.eye(2), up_sigma=0.5, up_known=True)
+PRECISE = ("--gps-sigma", "0.05", "--altitude", "400")
+
+
+def run(*arguments):
+    return int(cli.circnav.main(["locate", *map(str, arguments)], standalone_mode=False) or 0)
+
+
+def places(path):
+    features = json.loads(path.read_text())["features"]
+    return {one["properties"]["name"]: one["properties"] for one in features if one["geometry"]["type"] == "Point"}
+
+
+def located(folder, track, *tags, names=("",), options=()):
+    """What the command finds in a CSV of positions and ranges."""
+    assert run(as_csv(folder, track, *tags, names=names), *options) == Exit.DONE
+    return places(folder / "log.locate.geojson")
+
+
+def as_csv(folder, track, *tags, names=("",), header=("time", "lat", "lon", "alt", "range", "tag"), when=float):
+    """A CSV of positions and ranges. when: what is written for a time."""
+    latitude, longitude = PLANE.to_degrees(track.east, track.north)
+    told = zip(track.time, latitude, longitude, track.up, strict=True)
+    rows: list[Row] = [(when(time), *place, "", "") for time, *place in told]
+    for name, tag in zip(names, tags, strict=True):
+        rows += [(when(time), "", "", "", r, name) for time, r in zip(tag.time, tag.r, strict=True)]
+    with (folder / "log.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([header, *rows])
+    return folder / "log.csv"
+
+
+def as_tlog(file, track, ranges, say=lambda ms, r: distances(ms, r)):
+    """A tlog of system 3. say: what its radio, or anybody, says of a range: message and component."""
+    latitude, longitude = PLANE.to_degrees(track.east, track.north)
+    records = []
+    for time, lat, lon, up in zip(track.time, latitude, longitude, track.up, strict=True):
+        ms, place = round(time * 1000), (round(lat * 1e7), round(lon * 1e7))
+        records.append((time, 1, mavlink.MAVLink_gps_raw_int_message(ms * 1000, 3, *place, 0, 1, 1, 0, 0, 9)))
+        here = mavlink.MAVLink_global_position_int_message(ms, *place, round(up * 1000), 40_000, 0, 0, 0, 0)
+        records.append((time, 1, here))
+    for time, r in zip(ranges.time, ranges.r, strict=True):
+        records += [(time, component, message) for component, message in say(round(time * 1000), r)]
+    with file.open("wb") as log:
+        for time, component, message in sorted(records, key=lambda record: record[0]):
+            speaker = mavlink.MAVLink(None, srcSystem=3, srcComponent=component)
+            log.write(round(1.75e15 + time * 1e6).to_bytes(8, "big") + message.pack(speaker))
+    return file
+
+
+def distances(ms, r):
+    """DISTANCE_SENSOR of a radio and of a height sensor."""
+    for cm, sensor, orientation in ((round(r * 100), 5, 24), (4000, 6, 25)):
+        yield 1, mavlink.MAVLink_distance_sensor_message(ms, 20, 60000, cm, 4, sensor, orientation, 0)
+
+
+def as_run(folder, track, ranges, sigma=0.5, altitude=400.0):
+    """A run folder, whose radio has a name of its own, with what our survey said beside it."""
+
+    def say(ms, r):
+        yield 1, mavlink.MAVLink_named_value_float_message(ms, b"UWB", r)
+        yield 194, mavlink.MAVLink_named_value_float_message(ms, b"CN_TEAST", 30.0)
+        yield 194, own_beacon(PLACE, 0, r, 0.5, (3, 1), ms / 1000)
+
+    text = TEXT.replace("[orbit]", f"[orbit]\ntarget_altitude_m = {altitude}").replace("_m = 0.5", f"_m = {sigma}")
+    (folder / "mission.toml").write_text(text.replace('"distance_sensor"', '"named_value_float"\nname = "UWB"'))
+    as_tlog(folder / "flight.tlog", track, ranges, say)
+    return folder
+
+
+def as_movebank(folder, track, ranges):
+    """A CSV with the names and times of a wildlife group."""
+    names = ("timestamp", "location-lat", "location-long", "height-above-msl", "range", "tag-local-identifier")
+    began = datetime(2026, 7, 1, 12, tzinfo=UTC)
+
+    def when(time):
+        return (began + timedelta(seconds=time)).strftime("%Y-%m-%d %H:%M:%S.%f")
+
+    return as_csv(folder, track, ranges, header=names, when=when)
+
+
+def drawn(folder, monkeypatch):
+    """Limits of the near picture of a log's map, and the east and north of what they must hold, m from the first."""
+    figures = []
+    monkeypatch.setattr(plots, "save", lambda figure, path: figures.append(figure))
+    table = (folder / "log.locate.geojson").read_text()
+    plots.plot_map(folder / "map.png", table, "map")
+    near = figures[0].axes[1]
+    points = [(one["latitude_deg"], one["longitude_deg"]) for one in places(folder / "log.locate.geojson").values()]
+    for east, north in (Plane(*points[0]).to_metres(*point) for point in points):
+        yield from ((near.get_xlim(), east), (near.get_ylim(), north))
+
+
+def off(found, target):
+    return float(np.hypot(*(PLANE.to_metres(found["latitude_deg"], found["longitude_deg"]) - target)))
+
+
+def smoothed(track, ranges, target):
+    """filterpy's unscented filter and smoother: place of the target and range bias, positions taken as they are."""
+    here = {}
+
+    def measured(x):
+        return np.array([np.sqrt((x[0] - here["e"]) ** 2 + (x[1] - here["n"]) ** 2 + 40.0**2) + x[2]])
+
+    points = MerweScaledSigmaPoints(3, 0.1, 2.0, 0.0)
+    ukf = UnscentedKalmanFilter(3, 1, 0.1, measured, lambda x, dt: x, points)
+    ukf.x, ukf.P = np.array([target[0] + 20.0, target[1] - 15.0, 0.0]), np.diag([900.0, 900.0, 4.0])
+    ukf.Q, ukf.R = np.eye(3) * 1e-9, np.array([[0.25]])
+    means, covariances = [], []
+    for time, r in zip(ranges.time[::4], ranges.r[::4], strict=True):
+        here["e"], here["n"] = np.interp(time, track.time, track.east), np.interp(time, track.time, track.north)
+        ukf.predict()
+        ukf.update(np.array([r]))
+        means.append(ukf.x.copy())
+        covariances.append(ukf.P.copy())
+    x, P, _ = ukf.rts_smoother(np.array(means), np.array(covariances))
+    return x[0], P[0]
+
+
+AS_TOLD = ("--altitude", "400")
+
+
+@pytest.mark.parametrize(
+    ("write", "named", "tag", "options"),
+    [
+        (as_csv, "log.locate", "target", AS_TOLD),
+        (as_movebank, "log.locate", "target", AS_TOLD),
+        (lambda folder, *world: as_tlog(folder / "log.tlog", *world), "log.locate", "sensor 5 of 3/1", AS_TOLD),
+        (as_run, "locate", "UWB of 3/1", ()),
+    ],
+    ids=["CSV", "Movebank's CSV", "tlog", "run folder"],
+)
+def test_it_agrees_with_an_independent_smoother_whatever_the_log(tmp_path, write, named, tag, options, capsys):
+    track, ranges, target = circles(gps=0.0, laps=2)
+    assert run(write(tmp_path, track, ranges), "--gps-sigma", 0.05, *options) == Exit.DONE
+    found = places(tmp_path / f"{named}.geojson")
+    assert list(found) == [tag] and "sensor 6" not in capsys.readouterr().out, "a height sensor or our survey is a tag"
+    x, P = smoothed(track, ranges, target)
+    one = found[tag]
+    assert off(one, x[:2]) < 3 * np.sqrt(P[0, 0] + P[1, 1] + 2 * one["sigma_m"] ** 2)
+    assert off(one, target) < 0.3
+    assert one["sigma_m"] < 0.2 and abs(one["range_bias_m"]) < 1.0
+
+
+def test_a_run_is_located_with_the_noise_and_the_altitude_of_its_own_mission_unless_told_otherwise(tmp_path):
+    """Of a log whose ranges say nothing of themselves, as far below the vehicle as 400 m is."""
+    track, ranges, _ = circles(gps=0.0, laps=2)
+
+    def found(*options, **mission):
+        assert run(as_run(tmp_path, track, ranges, **mission), "--gps-sigma", 0.05, *options) == Exit.DONE
+        return places(tmp_path / "locate.geojson")["UWB of 3/1"]
+
+    right, noisy, high = found(), found(sigma=5.0), found(altitude=420.0)
+    assert (right["altitude_m"], right["altitude_sigma_m"]) == pytest.approx((400.0, 1.0), abs=0.5)
+    assert noisy["sigma_m"] > 4 * right["sigma_m"]
+    assert high["altitude_m"] == pytest.approx(420.0, abs=1.5)
+    assert high["range_bias_m"] - right["range_bias_m"] == pytest.approx(hypot(100, 40) - hypot(100, 20), rel=0.3)
+    assert found("--altitude", 400, altitude=420.0) == right
+    assert found("--sigma", 0.5, sigma=5.0) == right
+
+
+def test_an_altitude_that_is_missing_is_that_between_its_neighbours():
+    log = RangeLog([(0.0, 47.3, 8.5, 400.0), (1.0, 47.3, 8.5, nan), (2.0, 47.3, 8.5, 410.0), (3.0, 47.3, 8.5, nan)])
+    assert list(log.track(PLANE).up) == [400.0, 405.0, 410.0, 410.0]
+    assert list(RangeLog([(0.0, 47.3, 8.5, nan)]).track(PLANE).up) == [0.0]
+
+
+def test_several_tags_are_told_apart_by_their_ids_and_mixed_ones_get_a_warning(tmp_path, capsys, monkeypatch):
+    track, one, first = circles()
+    rng, second = np.random.default_rng(5), np.array([20.0, -140.0])
+    east, north = (np.interp(one.time, track.time, way) for way in (track.east, track.north))
+    far = np.sqrt((east - second[0]) ** 2 + (north - second[1]) ** 2 + 40.0**2) + rng.normal(0, 0.5, len(east))
+    other = Ranges(one.time, far, one.sigma)
+    found = located(tmp_path, track, one, other, names=("7", "tag 9"))
+    assert off(found["7"], first) < 6 and off(found["tag 9"], second) < 6
+    edges = drawn(tmp_path, monkeypatch)
+    assert all(near[0] < at < near[1] for near, at in edges), "the near picture shows but the first tag"
+    capsys.readouterr()
+    located(tmp_path, track, one, other, names=("", ""))
+    assert "two tags mixed" in capsys.readouterr().out
+
+
+def test_a_clock_offset_between_positions_and_ranges_is_found(tmp_path):
+    """On the way to the circle and off its centre: 15 m/s and 16 s are 240 m."""
+    t = np.arange(0, 80, 0.1)
+    east, north = 15.0 * np.minimum(t, 40) - 300, np.where(t > 40, 15.0 * (t - 40), 0.0)
+    rng, target = np.random.default_rng(2), np.array([100.0, 150.0])
+    r = np.sqrt((east - 100.0) ** 2 + (north - 150.0) ** 2 + 30.0**2) + rng.normal(0, 0.5, len(t))
+    late, ranges = Track(t + 16.0, east, north, 0 * t + 30.0), Ranges(t, r, 0 * t + 0.5)
+    found = located(tmp_path, late, ranges, options=("--gps-sigma", "0.5"))["target"]
+    assert found["position_delay_s"] == pytest.approx(16.0, abs=0.2)
+    assert off(found, target) < 3.0
+
+
+def test_on_a_circle_round_the_target_no_offset_of_the_clocks_is_claimed(tmp_path, capsys):
+    """Turned by 5 s the circle is the same one: what would tell the offset is the wiggle of the GPS."""
+    track, ranges, target = circles(laps=2)
+    found = located(tmp_path, replace(track, time=track.time + 5.0), ranges)["target"]
+    assert found["position_delay_sigma_s"] >= 0.5 and off(found, target) < 6
+    assert "clocks     offset not observable" in capsys.readouterr().out
+
+
+def test_ranges_that_fit_an_impossible_height_only_get_a_warning(tmp_path, capsys):
+    """In feet, the circle of 100 m looks like one seen from 300 m above."""
+    track, ranges, _ = circles(laps=2)
+    located(tmp_path, track, replace(ranges, r=ranges.r / 0.3048))
+    assert "WARNING    the ranges fit a target at" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("said", ["0", "-1", "nan", "", "1e-200"])
+def test_a_standard_deviation_that_is_none_counts_as_not_said(tmp_path, said):
+    track, ranges, target = circles()
+    file = as_csv(tmp_path, track, ranges, header=("time", "lat", "lon", "alt", "range", "tag", "sigma"))
+    file.write_text(file.read_text().replace("\n", f",{said}\n").replace(f"sigma,{said}", "sigma") + "40,,,,inf,,\n")
+    assert run(file) == Exit.DONE
+    assert off(places(tmp_path / "log.locate.geojson")["target"], target) < 6
+
+
+@pytest.mark.parametrize("option", ["--altitude", "--sigma", "--gps-sigma", "--bias"])
+def test_an_option_that_is_no_number_is_bad_usage(tmp_path, option):
+    with pytest.raises(click.BadParameter, match="'nan' is not a number"):
+        run(as_csv(tmp_path, *circles()[:2]), option, "nan")
+
+
+def test_a_ranging_antenna_off_the_gps_antenna_reads_as_delay_and_bias_and_leaves_the_place(tmp_path):
+    """3 m ahead, and 1.5 m to the outside of the circle, of which a slant of 108 m shows 100/108."""
+    track, _, target = circles(gps=0.0, laps=2)
+    here = np.column_stack([track.east, track.north])
+    ahead = np.gradient(here, axis=0)
+    ahead /= np.hypot(*ahead.T)[:, None]
+    antenna = here + 3.0 * ahead + 1.5 * np.column_stack([ahead[:, 1], -ahead[:, 0]])
+    noise = np.random.default_rng(8).normal(0, 0.3, len(here))
+    r = np.sqrt(((antenna - target) ** 2).sum(axis=1) + 40.0**2) + noise
+    found = located(tmp_path, track, Ranges(track.time, r, 0 * r + 0.3), options=PRECISE)["target"]
+    assert found["range_bias_m"] == pytest.approx(1.39, abs=0.1)
+    assert off(found, target) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("time,lat,lon\n1,2,3\n", "no column range"),
+        ("time,lat,lon,range\n1,2,3,\n2,2,3,\n", "no ranges in it"),
+        ("time,lat,lon,range\n1,,,5\n2,,,6\n", "no positions in it"),
+        ("time,lat,lon,range\n1,95,3,5\n", "line 2: 95 3 is no place"),
+        ("time,lat,lon,range\nnoon,2,3,5\n", "line 2: time: 'noon' is not a time: seconds, or as 2026"),
+        ("time,lat,lon,range\n1,2,3,far\n", "line 2: range: 'far' is not a number"),
+        ("time,lat,lon,range\n1,2,3,1e160\n", "line 2: range: 1e.160 is too large: s, degrees and m are meant"),
+        ("time,lat,lon,range\n1e300,2,3,5\n", "line 2: time: 1e.300 is too large"),
+        ("time,lat,lon,range\n1,2,3,5\n2,2,3,5\n", "no target was located"),
+    ],
+)
+def test_bad_input_is_one_line_that_names_file_and_remedy(tmp_path, text, says):
+    (tmp_path / "bad.csv").write_text(text)
+    with pytest.raises(Refused, match=says) as refusal:
+        run(tmp_path / "bad.csv")
+    assert "\n" not in str(refusal.value) and "bad.csv" in str(refusal.value)
+
+
+def test_a_log_that_is_not_there_is_bad_usage_whatever_its_name(tmp_path):
+    for name, exit in (("nothing in it.csv", Exit.USAGE), ("empty.csv", Exit.NOTHING_HEARD)):
+        (tmp_path / "empty.csv").write_text("time,lat,lon,range\n")
+        with pytest.raises(Refused) as refusal:
+            run(tmp_path / name)
+        assert refusal.value.exit == exit

@@ -1,0 +1,186 @@
+"""What the survey hears, asks for and says beside a pilot on a bench, and what becomes of it when it fails."""
+
+from cmath import phase
+from concurrent.futures import Future
+from contextlib import ExitStack
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.cli.connect import open_locating
+from circnav_mav.extras.locate.handback import HandBackSettings, Where
+from circnav_mav.extras.locate.locator import AFTER, STREAMS, LocateSettings, Locator
+from circnav_mav.extras.locate.place import Place, Plane
+from circnav_mav.guidance.types import OwnMotion
+from circnav_mav.mav.ranging.interface import RangingSettings
+from circnav_mav.mission.load import load_mission
+from circnav_mav.pilot import VEHICLE
+from circnav_mav.pilot.loop_step import LoopStep
+from circnav_mav.runtime import locating as runtime
+from circnav_mav.runtime.status import Watch
+from tests.flight.lockstep import CONFIG
+from tests.rig import Rig, decode, scattering
+
+ROI, ROI_NONE = mavlink.MAV_CMD_DO_SET_ROI_LOCATION, mavlink.MAV_CMD_DO_SET_ROI_NONE
+HERE = Plane(47.3, 8.5)
+PLACE = Place(0.0, HERE, 30.0, 40.0, 584.0, np.eye(2), up_sigma=0.5, up_known=True)
+
+
+class Beside:
+    """A locator beside a rig. said: (time, message)."""
+
+    def __init__(self, rig=None, **settings):
+        self.rig = rig or Rig()
+        self.locator = Locator(LocateSettings(194, **settings), self.rig.pilot)
+        self.said = []
+
+    def hear(self, *messages):
+        """In one datagram."""
+        data = b"".join(map(self.rig.vehicle.say, messages))
+        self.rig.pilot.receive(data, self.rig.now, "vehicle", VEHICLE)
+        self.locator.hear(VEHICLE, "vehicle", self.rig.pilot.take_frames(), self.rig.now)
+
+    def run(self, seconds):
+        def step():
+            for frame in self.locator.step(self.rig.now):
+                self.said += [(self.rig.now, message) for message in decode(frame)]
+
+        self.rig.run(seconds, also=step)
+        return self
+
+    def of(self, command):
+        return [time for time, one in self.said if getattr(one, "command", None) == command]
+
+
+def test_the_camera_is_pointed_until_it_answers_and_let_go_at_the_end():
+    beside = Beside(camera=True).run(3.0)
+    beside.locator.found(PLACE)
+    beside.run(5.0)
+    assert len(beside.of(ROI)) == pytest.approx(10, abs=1), "not twice a second, without an answer"
+    beside.hear(mavlink.MAVLink_command_ack_message(ROI, 0, 0, 0, 1, 194))
+    beside.run(3.0)
+    aimed = len(beside.of(ROI))
+    beside.locator.found(replace(PLACE, time=10.0, east=60.0))
+    beside.run(0.2)
+    assert len(beside.of(ROI)) == aimed + 1 and beside.said[-1][1].z == 584.0
+    beside.rig.pilot.interrupt(beside.rig.now, "SIGINT")
+    beside.run(1.0)
+    assert beside.of(ROI_NONE) and len(beside.of(ROI)) == aimed + 1
+
+
+def test_a_vehicle_without_a_camera_is_asked_once():
+    beside = Beside(camera=True).run(3.0)
+    beside.locator.found(PLACE)
+    beside.run(0.2)
+    beside.hear(mavlink.MAVLink_command_ack_message(ROI, mavlink.MAV_RESULT_UNSUPPORTED, 0, 0, 1, 194))
+    beside.locator.found(replace(PLACE, time=10.0, east=60.0))
+    assert len(beside.run(3.0).of(ROI)) == 1
+
+
+def test_its_beacon_has_the_id_of_the_radio():
+    ranging = RangingSettings(message="distance_sensor", orientation=24, beacon_id=7)
+    beside = Beside(beacon=True, rig=Rig(ranging=ranging)).run(3.0)
+    beside.locator.found(PLACE)
+    beside.run(1.0)
+    assert {one.beacon_id for _, one in beside.said if one.get_type() == "RANGING_BEACON"} == {7}
+
+
+def test_every_range_of_a_datagram_counts():
+    beside = Beside().run(3.0)
+    beside.hear()
+    before, stamp = len(beside.locator._ranges), 1_000_000 + round(beside.rig.now * 1000)
+    beside.rig.pass_time(0.3)
+    beside.hear(*(scattering(15_000, stamp + 100 * number) for number in range(1, 4)))
+    assert len(beside.locator._ranges) == before + 3
+
+
+def test_a_spoofed_position_teaches_no_compass_bias(monkeypatch):
+    beside = Beside().run(3.0)
+    beside.locator.found(PLACE)
+    learnt = []
+    monkeypatch.setattr(beside.locator._reckoning.compass, "learn", lambda off, now: learnt.append(phase(off)))
+    relative = SimpleNamespace(x=0.0, y=150.0, sigma=1.0)
+    monkeypatch.setattr(beside.locator, "_relative", lambda time: relative)
+    beside.locator._look(30.0, 190.0, 584.0, beside.rig.now, beside.rig.now)
+    assert learnt == [0.0]
+    beside.locator._look(900.0, 190.0, 584.0, beside.rig.now, beside.rig.now)
+    assert learnt == [0.0]
+
+
+@pytest.fixture
+def failing(monkeypatch):
+    """A hand-back under way, beside a survey whose process breaks, as the loop of a flight has it."""
+    answer = Future()
+    answer.set_exception(RuntimeError("the process is gone"))
+    pool = SimpleNamespace(submit=lambda *job: answer, shutdown=lambda **how: None)
+    monkeypatch.setattr(runtime, "start_solver", lambda: pool)
+    beside = Beside(handback=HandBackSettings(place=(47.3, 8.5))).run(3.0)
+    monkeypatch.setattr(beside.locator, "job", lambda now: ())
+    monkeypatch.setattr(beside.locator, "_own", lambda now: OwnMotion(now, 0.0, 0.0, 15.0))
+    beside.locator._reckoning.where = Where(beside.rig.now, 0.0, 0.0, 3.0, 0j, 1.0, False)
+    return beside, runtime.Locating(beside.locator, "target", waits=True)
+
+
+def test_a_name_for_cursor_on_target_is_looked_up_before_the_flight():
+    mission = load_mission(CONFIG / "quickstart.toml", ("locate.enabled=true", "locate.cot=localhost:6969"))
+    with ExitStack() as things:
+        assert open_locating(mission, Rig().pilot, None, things)._cot == ("127.0.0.1", 6969)
+
+
+def turns(beside, locating, seconds, *others):
+    """What leaves, with a GPS and an estimator that have lost the position, and what else the vehicle says."""
+    said = []
+    for _ in range(round(seconds / 0.05)):
+        beside.rig.run(0.05)
+        lost = (mavlink.MAVLink_gps_raw_int_message(0, 1, 0, 0, 0, 1, 1, 0, 0, 9),
+                mavlink.MAVLink_ekf_status_report_message(0x12F, 0, 0, 0, 0, 0, 0))  # fmt: skip
+        frames = [beside.rig.vehicle.say(message) for message in (*lost, *others)]
+        said += locating.turn(LoopStep(beside.rig.now, heard=[(VEHICLE, "vehicle", frames)]))
+    return [message for frame in said for message in decode(frame)]
+
+
+@pytest.mark.parametrize("broken", ["job", "_say", "_range"])
+def test_a_survey_that_fails_is_an_alarm_in_flight_and_leaves_the_hand_back_alone(failing, monkeypatch, broken):
+    beside, locating = failing
+    if broken != "job":  # whose process breaks
+        monkeypatch.setattr(beside.locator, broken, lambda *given: 1 / 0)
+    given = [one for one in turns(beside, locating, 6.0) if one.get_type() == "COMMAND_INT"]
+    assert given and beside.locator.handback.begun
+    status = Watch(beside.rig.pilot, beside.locator).status(beside.rig.pilot.take_records()[-1], beside.rig.now)
+    assert any("survey of the target stopped at" in alarm for alarm in status.alarms)
+
+
+@pytest.mark.parametrize(("fix", "is_given"), [(3, False), (1, True)], ids=["has a fix", "has none"])
+def test_a_vehicle_with_two_receivers_is_given_nothing_while_the_second_has_a_fix(failing, fix, is_given):
+    beside, locating = failing
+    second = mavlink.MAVLink_gps2_raw_message(0, fix, 473_000_000, 85_000_000, 0, 1, 1, 0, 0, 9, 0, 0)
+    given = {one.get_type() for one in turns(beside, locating, 8.0, second)} & {"COMMAND_INT"}
+    assert bool(given) is is_given
+
+
+@pytest.mark.parametrize("how", ["the position is back", "a signal"])
+def test_streams_are_given_back_when_the_hand_back_ends_that_outlasts_guidance(how):
+    beside = Beside(Rig(exit="stop"), handback=HandBackSettings(place=(47.3, 8.5))).run(3.0)
+    locating = runtime.Locating(beside.locator, "target", waits=True)
+    turns(beside, locating, 3.0)
+    beside.rig.pilot.interrupt(beside.rig.now, "SIGINT")
+    turns(beside, locating, 1.0)
+    assert beside.rig.pilot.done and locating.busy
+    back = mavlink.MAVLink_gps_raw_int_message(0, 3, 0, 0, 0, 1, 1, 0, 0, 9)
+    beside.locator.called_off = how == "a signal"
+    said = []
+    while locating.busy and beside.rig.now < 30.0:
+        said += turns(beside, locating, 0.05, *([back] if how == "the position is back" else ()))
+    restored = [one.param1 for one in said if one.get_type() == "COMMAND_LONG" and one.param2 == 0]
+    assert {int(ident) for ident in restored} >= {*STREAMS, *AFTER}
+
+
+def test_a_hand_back_that_fails_ends_too(failing, monkeypatch):
+    beside, locating = failing
+    turns(beside, locating, 0.1)
+    monkeypatch.setattr(beside.locator, "step", lambda now: 1 / 0)
+    assert turns(beside, locating, 1.0) == [] and not locating.busy
+    assert beside.locator.problem.startswith("hand-back stopped at")

@@ -1,0 +1,126 @@
+"""Positions never steer: what the pilot sends is the same, byte for byte, with survey and hand-back or without."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.extras.locate.estimator import locate
+from circnav_mav.extras.locate.handback import HandBackSettings
+from circnav_mav.extras.locate.locator import COMMANDS, SAYS, LocateSettings, Locator
+from circnav_mav.pilot import VEHICLE
+from circnav_mav.pilot.mission_state import Phase
+from tests.extras.locate.flown import GPS_LOST, surveyed
+from tests.flight.lockstep import flight
+from tests.rig import Rig, decode
+
+ROI_NONE = mavlink.MAV_CMD_DO_SET_ROI_NONE
+SETPOINTS = {"SET_POSITION_TARGET_LOCAL_NED", "SET_ATTITUDE_TARGET", "MANUAL_CONTROL", "SET_POSITION_TARGET_GLOBAL_INT"}
+
+
+class SurveyedRig(Rig):
+    """A rig whose pilot has a survey with everything switched on beside it."""
+
+    def __init__(self, **changes):
+        super().__init__(**changes)
+        settings = LocateSettings(194, beacon=True, camera=True, handback=HandBackSettings(place=(47.3, 8.5)))
+        self.locator = Locator(settings, self.pilot)
+        self.survey: list[bytes] = []
+
+    def hear(self, message, **how):
+        super().hear(message, **how)
+        self.locator.hear(VEHICLE, how.get("source") or self.source, self.pilot.take_frames(), self.now)
+
+    def step(self):
+        messages = super().step()
+        if (job := self.locator.job(self.now)) is not None and self.tick % 40 == 0:
+            self.locator.found(locate(*job))
+        self.survey += self.locator.step(self.now)
+        return messages
+
+
+def circling(latitude, longitude, tick):
+    return mavlink.MAVLink_global_position_int_message(
+        50 * tick, latitude + 40 * tick, longitude, 500_000, 40_000, 1500, 0, 0, 0
+    )
+
+
+LIES: dict[str, Callable[[int], list[Any]]] = {
+    "a position that runs away": lambda tick: [
+        mavlink.MAVLink_gps_raw_int_message(50_000 * tick, 3, 0, 0, 0, 1, 1, 0, 0, 9),
+        circling(473_000_000, 85_000_000, tick),
+    ],
+    "a fix that comes and goes, and jumps by kilometres": lambda tick: [
+        mavlink.MAVLink_gps_raw_int_message(50_000 * tick, 3 * (tick // 30 % 2), 0, 0, 0, 1, 1, 0, 0, 9),
+        circling(473_000_000 + 1_000_000 * (tick // 45 % 2), 85_000_000, tick),
+    ],
+    "no fix, and every answer a yes": lambda tick: [
+        mavlink.MAVLink_gps_raw_int_message(50_000 * tick, 1, 0, 0, 0, 1, 1, 0, 0, 9),
+        circling(473_000_000, 85_000_000, tick),
+        mavlink.MAVLink_command_ack_message(mavlink.MAV_CMD_EXTERNAL_POSITION_ESTIMATE, 0, 0, 0, 1, 194),
+    ],
+}
+
+
+def test_a_flight_sends_not_a_byte_else_while_place_circle_camera_and_position_leave_beside_it():
+    """Of a plane that loses its GPS, against the same flight without a survey."""
+    everything: dict[str, Any] = {"beacon": True, "camera": True, "handback": HandBackSettings()}
+    flown = surveyed("arduplane", *GPS_LOST, law="auto", **everything)
+    flown.solve_from, flown.solve_every = 50.0, 10.0
+    flown.fly(80.0)
+    said = [message for _, message in flown.messages]
+    assert {one.get_type() for one in said} == SAYS
+    assert {one.command for one in said if one.get_type().startswith("COMMAND")} == COMMANDS - {ROI_NONE}
+    assert flown.sent == flight("arduplane", *GPS_LOST, law="auto").fly(80.0).sent
+    flown.fly(95.0)
+    assert not SETPOINTS & {one.get_type() for _, one in flown.messages}
+
+
+@pytest.mark.parametrize("lie", LIES.values(), ids=LIES)
+def test_false_positions_change_no_byte_of_the_output_with_survey_and_hand_back_on(
+    lie,
+):
+    honest, lied_to = Rig(), SurveyedRig()
+    for tick in range(160):
+        honest.run(0.05)
+        lied_to.run(0.05)
+        for message in lie(tick):
+            # without a place in the vehicle's own count: the honest rig hears none of these
+            frame = lied_to.vehicle.say(message)
+            lied_to.pilot.receive(frame, lied_to.now, lied_to.source)
+            lied_to.locator.hear(VEHICLE, lied_to.source, lied_to.pilot.take_frames(), lied_to.now)
+    assert honest.pilot.mission.phase is Phase.ENGAGED
+    assert lied_to.raw == honest.raw
+    said = [message for frame in lied_to.survey for message in decode(frame)]
+    assert said, "the survey was silent: nothing was tested"
+    assert {one.get_type() for one in said} <= SAYS and not SAYS & SETPOINTS
+    assert {one.command for one in said if one.get_type().startswith("COMMAND")} <= COMMANDS
+    assert {one.get_srcComponent() for one in said} == {194}
+
+
+def test_positions_that_are_stamped_late_ask_for_no_answer_to_timesync():
+    """Their clock seems to have stepped while the vehicle answers no question any more."""
+
+    def flown(kind, late):
+        rig = kind()
+
+        def positions():
+            lag = late if rig.tick >= 215 else 0
+            rig.hear(mavlink.MAVLink_gps_raw_int_message(50_000 * rig.tick, 3, 0, 0, 0, 1, 1, 0, 0, 9))
+            rig.hear(circling(473_000_000, 85_000_000, rig.tick - lag))
+
+        rig.run(8.0, positions)
+        return rig.run(6.0, positions, round_trip=None).raw
+
+    assert flown(SurveyedRig, 8) == flown(SurveyedRig, 0) == flown(Rig, 8)
+
+
+def test_what_moves_a_vehicle_cannot_leave_the_survey():
+    rig = SurveyedRig()
+    for message in (
+        mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0),
+        mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, 4, 0, 0, 0, 0, 0),
+    ):
+        with pytest.raises(ValueError, match="must not leave"):
+            rig.locator._encode(message)

@@ -1,0 +1,109 @@
+"""What leaves the survey, read by others that share nothing with what wrote it: the wire layout of MAVLink by hand,
+pymavlink, the package `geojson`, an XML parser, a TAK library."""
+
+import struct
+from xml.etree import ElementTree as Xml
+
+import geojson
+import numpy as np
+import pytest
+from circnav_sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.extras.locate import export
+from circnav_mav.extras.locate.export import orbit_status, own_beacon
+from circnav_mav.extras.locate.place import Place, Plane
+from circnav_mav.guidance.types import Direction, Orbit
+from tests.rig import x25
+
+PLACE = Place(
+    time=12.0, plane=Plane(-35.0, 149.0), east=30.0, north=40.0, up=584.0, covariance=np.diag([9.0, 1.0]),
+    up_sigma=0.5, up_known=True, velocity=(1.0, -1.0), velocity_sigma=0.2,
+)  # fmt: skip
+HERE = pytest.approx((-35 + 40 / 110_941, 149 + 30 / 91_288), abs=5e-7)
+"""Its latitude and longitude: a degree is 110 941 m of the meridian, 91 288 m of the parallel there."""
+ORBIT_STATUS, CRC_EXTRA, LAYOUT = 360, 11, "<QfiifB"
+"""Its id, the byte that seeds its checksum, and its fields by size: time_usec, radius, x, y, z, frame."""
+
+
+def test_the_plane_agrees_with_the_emulators_own_geodesy_within_centimetres():
+    plane = Plane(HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG)
+    for north, east in ((0.0, 3000.0), (-3000.0, 0.0), (2000.0, -2000.0)):
+        assert plane.to_metres(*to_degrees(north, east)) == pytest.approx((east, north), abs=0.05)
+        assert plane.to_metres(*plane.to_degrees(east, north)) == pytest.approx((east, north), abs=1e-6)
+
+
+def test_a_plane_beside_the_date_line_goes_on_across_it():
+    plane = Plane(0.0, 179.9999)
+    _, longitude = plane.to_degrees(100.0, 0.0)
+    assert longitude == pytest.approx(-179.9992, abs=1e-4)
+    assert plane.to_metres(0.0, longitude)[0] == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize(("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)])
+def test_the_orbit_status_is_what_a_c_decoder_reads_from_the_wire(direction, sign):
+    """As QGroundControl's Vehicle.cc does: radius positive clockwise, x, y degrees * 1e7 as int32, z metres, frame
+    MAV_FRAME_GLOBAL (0), whose byte MAVLink 2 leaves out at the end of a payload."""
+    orbit = Orbit(60.0, direction, 15.0, 0.35)
+    frame = orbit_status(PLACE, orbit, 12.0).pack(mavlink.MAVLink(None, srcSystem=1, srcComponent=194))
+    end = 10 + frame[1]
+    assert (frame[0], *frame[5:7]) == (0xFD, 1, 194) and int.from_bytes(frame[7:10], "little") == ORBIT_STATUS
+    assert x25(frame[1:end] + bytes([CRC_EXTRA])) == int.from_bytes(frame[end : end + 2], "little")
+    time, radius, x, y, z, what = struct.unpack(LAYOUT, frame[10:end].ljust(struct.calcsize(LAYOUT), b"\0"))
+    assert (time, radius, z, what) == (12_000_000, sign * 60.0, 584.0, 0)
+    assert (x / 1e7, y / 1e7) == HERE
+
+
+def test_ranging_beacon_carries_range_place_and_their_accuracy_in_millimetres():
+    packed = own_beacon(PLACE, 7, 107.7, 0.5, (1, 1), 12.0).pack(mavlink.MAVLink(None))
+    (message,) = mavlink.MAVLink(None).parse_buffer(packed)
+    assert (message.range, message.range_accuracy, message.hacc_est) == (107700, 500, 3000)
+    assert message.beacon_id == 7, "not that of the radio"
+    assert (message.lat / 1e7, message.lon / 1e7) == HERE
+
+
+def test_the_ellipse_has_its_long_axis_along_the_larger_error():
+    """Covariance diag(9, 1) of east and north: 2.4477 times 3 and 1 m, the long axis due east."""
+    ellipse = PLACE.ellipse
+    assert (ellipse.major, ellipse.minor, ellipse.azimuth) == pytest.approx((7.343, 2.448, 90.0), abs=1e-3)
+    corners = np.array([PLACE.plane.to_metres(lat, lon) for lon, lat in export.ring(PLACE)]) - [30.0, 40.0]
+    assert np.abs(corners).max(axis=0) == pytest.approx([7.343, 2.448], abs=0.01)
+
+
+def test_geojson_is_valid_with_longitude_first_and_a_closed_ring_that_runs_left_round():
+    """RFC 7946, sections 3.1.1, 3.1.6."""
+    table = geojson.loads(export.geojson({"target": PLACE}, [(-35.0, 149.0), (-35.001, 149.001)]))
+    assert isinstance(table, geojson.FeatureCollection) and table.is_valid, table.errors()
+    point, area, track = (feature.geometry for feature in table.features)
+    assert tuple(point.coordinates[::-1]) == HERE
+    x, y = np.array(area.coordinates[0]).T
+    assert (x[0], y[0]) == (x[-1], y[-1]) and np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) > 0
+    assert track == {"type": "LineString", "coordinates": [[149.0, -35.0], [149.001, -35.001]]}
+
+
+def test_kml_is_xml_with_longitude_first():
+    names = {"k": "http://www.opengis.net/kml/2.2"}
+    text = Xml.fromstring(export.kml({"a <b> \x1b\x00": PLACE})).findtext(".//k:Point/k:coordinates", "", names)
+    assert tuple(float(part) for part in text.split(","))[::-1] == HERE
+
+
+def test_cursor_on_target_is_an_event_of_its_standard_with_one_sigma_and_the_motion():
+    """MITRE's Event.xsd. South-east at 1.41 m/s; 1 750 000 012 s is 15 June 2025, 15:06:52 UTC."""
+    event = Xml.fromstring(export.cursor_on_target(PLACE, 'tag "<1>', 1_750_000_000_000_000, 12.0))
+    begins, ends = "2025-06-15T15:06:52.000Z", "2025-06-15T15:07:22.000Z"
+    assert event.attrib == {"version": "2.0", "uid": 'circnav.tag "<1>', "type": "a-u-G", "how": "m-f",
+                            "time": begins, "start": begins, "stale": ends}  # fmt: skip
+    point, contact, track = (event.find(name).attrib for name in ("point", "detail/contact", "detail/track"))
+    assert (float(point.pop("lat")), float(point.pop("lon"))) == HERE
+    assert point == {"hae": "9999999.0", "ce": "3.0", "le": "9999999.0"}
+    assert (contact, track) == ({"callsign": 'tag "<1>'}, {"course": "135.0", "speed": "1.41"})
+
+
+def test_a_tak_library_reads_place_error_and_motion():
+    """takproto turns the XML into TAK's own protocol buffers, and refuses what it cannot."""
+    takproto = pytest.importorskip("takproto")
+    data = export.cursor_on_target(PLACE, "tag 17", 1_750_000_000_000_000, 12.0)
+    event = takproto.parse_proto(takproto.xml2proto(data.decode())).cotEvent
+    assert (event.lat, event.lon) == HERE
+    assert (event.type, event.how, event.ce, event.detail.contact.callsign) == ("a-u-G", "m-f", 3.0, "tag 17")
+    assert (event.sendTime, event.staleTime - event.sendTime) == (1_750_000_012_000, 30_000)

@@ -1,0 +1,68 @@
+"""The GPS watch: which of GPS, beacon and compass is the odd one out, and how soon it says so."""
+
+from cmath import rect
+from math import atan2, cos, hypot, pi, sin
+
+import pytest
+
+from circnav_mav.extras.locate.watch import Culprit, GpsWatch, Look
+from tests.extras.locate.flown import surveyed
+from tests.flight.lockstep import flight
+
+V, R = 15.0, 100.0
+FROM = 60.0
+
+
+def looks(fault, *, noise=1.0):
+    """A circle round (0, 0) in wind of 4 m/s to the east, 4 looks a second; from FROM on something is wrong."""
+    for tick in range(480):
+        t = tick / 4
+        angle = V / R * t
+        east, north = R * cos(angle), R * sin(angle)
+        wrong = max(0.0, t - FROM)
+        # the nose is where air velocity = ground velocity - wind points
+        air = -V * sin(angle) - 4.0, V * cos(angle)
+        told = (east, north + (min(50.0 * wrong, 500.0) if fault == "spoof" else 0.0))
+        measured = hypot(east - (5.0 * wrong if fault == "beacon" else 0.0), north)
+        turned = 0.6 if fault == "compass" and wrong else 0.0
+        wobble = noise * sin(12.9898 * tick)
+        # by ranges and heading the bearing turns with the compass; by a spoofed position it is that of the lie
+        by_position = atan2(-told[1], -told[0])
+        bearing = (angle + pi + turned - by_position + pi) % (2 * pi) - pi
+        air = rect(hypot(*air), atan2(air[1], air[0]) + turned)
+        yield Look(t, *told, air, (measured - hypot(*told) + wobble, 2.0), (bearing, 0.06))
+
+
+@pytest.mark.parametrize(
+    ("fault", "culprit"), [("spoof", Culprit.GPS), ("beacon", Culprit.BEACON), ("compass", Culprit.COMPASS)]
+)
+def test_what_fails_together_names_the_culprit_within_ten_seconds(fault, culprit):
+    watch = GpsWatch()
+    found = [(look.time, watch.culprit) for look in looks(fault) if watch.see(look) or watch.culprit]
+    assert FROM < found[0][0] <= FROM + 10.0
+    assert {named for _, named in found} == {culprit}, "it is not another one a minute later"
+    assert len(watch.told) == 1 and f"{culprit.value} likeliest" in watch.told[0][1]
+
+
+def test_an_honest_flight_in_wind_raises_no_alarm():
+    watch = GpsWatch()
+    for look in looks("none"):
+        watch.see(look)
+    assert watch.told == []
+
+
+def test_a_spoof_of_the_emulated_vehicle_is_told_within_ten_seconds_and_leaves_flight_and_place_alone():
+    """500 m in 10 s from t = 75 s on. The same flight without a survey sends the same bytes."""
+    changes = ('sim.events=[{at_s=75.0, action="gps_spoof", value=50.0}]', "sim.sensors.gps_error_m=0.5",
+               "limits.duration_s=90", "sim.start.north_m=150", "sim.start.east_m=0")  # fmt: skip
+    flown = surveyed("quickstart", *changes, law="smooth")
+    flown.solve_from, flown.solve_every = 55.0, 5.0
+    flown.fly(86.0)
+    watch = flown.locator.watch
+    assert watch.told and 75.0 < watch.told[0][0] <= 85.0 and "GPS likeliest" in watch.told[0][1]
+    texts = [message.text for _, message in flown.messages if message.get_type() == "STATUSTEXT"]
+    assert "circnav: GPS WATCH: GPS likeliest wrong" in texts
+    place = flown.locator.place
+    assert hypot(*flown.error(place)) < 5.0
+    alone = flight("quickstart", *changes, law="smooth").fly(86.0)
+    assert alone.sent == flown.sent

@@ -1,0 +1,73 @@
+"""The paper reproduced: numbers of an independent simulation (2000 starts), lemmas, the mirror image, six figures."""
+
+import numpy as np
+import pytest
+
+from circnav_mav.extras.paper.paper import (
+    EXAMPLES,
+    R_D,
+    Example,
+    arc,
+    entries,
+    lyapunov,
+    random_starts,
+    study,
+    table,
+)
+
+STARTS = random_starts(60, 3)
+
+
+@pytest.fixture(scope="module")
+def studied():
+    return {example.number: study(example, STARTS, 150.0) for example in EXAMPLES}
+
+
+@pytest.mark.parametrize(
+    ("number", "radius", "within", "median"), [(1, 10.98684113, 1e-4, 28), (2, 10.0, 1e-4, 30), (3, 10.0, 1e-3, 42)]
+)
+def test_every_start_reaches_the_papers_radius_clockwise(studied, number, radius, within, median):
+    found, _ = studied[number]
+    assert found.reached == pytest.approx((radius, radius), abs=within)
+    assert found.example.predicted == pytest.approx(radius, abs=1e-7)
+    assert found.clockwise == found.starts == 60
+    assert np.isfinite(found.settling).all()
+    assert np.median(found.settling) == pytest.approx(median, abs=5)
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_the_lemmas_hold_along_every_track_and_a_negative_gain_flies_the_mirror_image(studied, number):
+    found, _ = studied[number]
+    assert found.most_entries <= 1
+    assert 0 <= found.bearings[0] <= found.bearings[1] <= np.pi
+    assert found.rise is None or found.rise < 1e-9
+    assert found.mirror < 1e-3
+    assert found.mirrored_counterclockwise == 40
+
+
+def test_an_arc_is_exact():
+    """A quarter of a circle of radius 2, to the left: from the origin heading right to (2, 2) heading up."""
+    x, y, heading = arc(np.zeros(1), np.zeros(1), np.zeros(1), 1.0, np.array([0.5]), np.pi)
+    assert (x[0], y[0], heading[0]) == pytest.approx((2.0, 2.0, np.pi / 2))
+    x, y, heading = arc(np.zeros(1), np.zeros(1), np.zeros(1), 3.0, np.zeros(1), 2.0)
+    assert (x[0], y[0], heading[0]) == (6.0, 0.0, 0.0)
+
+
+def test_the_lyapunov_functions_integral_is_that_of_the_paper():
+    """Closed form against the trapezoidal rule; zero at r_a with theta_b = pi/2."""
+    r_d, r_a, k = 10.0, 10.98684113, 0.01
+    z = np.linspace(r_a, 25.0, 200_001)
+    values = -1 / z + 2 * k * z * np.cos(np.arcsin(r_d / z))
+    by_hand = np.sum((values[1:] + values[:-1]) / 2) * (z[1] - z[0])
+    found = lyapunov(np.array([r_a, 25.0]), np.full(2, np.pi / 2), r_d=r_d, r_a=r_a, k=k)
+    assert found == pytest.approx([0.0, by_hand], abs=1e-7)
+
+
+def test_entries_are_counted_by_hand():
+    assert list(entries(np.array([[12.0, 9.0], [9.0, 9.0], [12.0, 12.0], [9.0, 12.0], [10.2, 12.0]]), R_D)) == [2, 1]
+
+
+def test_the_table_shows_another_gain_with_its_own_radius():
+    found, _ = study(Example(1, "smooth", 0.02, R_D), random_starts(5, 1), 100.0)
+    assert found.reached == pytest.approx((found.example.predicted,) * 2, abs=0.01)
+    assert f"| {found.example.predicted:.5f} m" in table([found])

@@ -1,0 +1,267 @@
+"""The live page's server over real HTTP, and that nothing about it can hold up a flight."""
+
+import http.client
+import importlib.util
+import json
+import os
+import re
+import select
+import signal
+import socket
+from contextlib import ExitStack, closing
+from itertools import product
+from math import inf, nan
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.extras.web import feed
+from circnav_mav.extras.web.__main__ import COLUMNS, MOST_BROWSERS, MOST_POINTS, NEWEST, History
+from circnav_mav.extras.web.feed import LivePage, WebError
+from circnav_mav.pilot.loop_step import LoopStep
+from tests.flight.lockstep import flight
+from tests.process import PATIENCE
+
+VERDICT = "COMPLETED: flown to its end"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def patient():
+    """A busy machine may start and end the server slowly: neither is judged here."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("START_PATIENCE", "STOP_PATIENCE"):
+            patch.setattr(feed, name, PATIENCE)
+        yield
+
+
+def open_page(pilot, port=0, *, truth=False):
+    return LivePage(pilot, port, name="small", tolerance=5.0, speed=0.0, truth=truth)  # every tick is told
+
+
+@pytest.fixture
+def flown():
+    return flight("quickstart")
+
+
+@pytest.fixture
+def page(flown):
+    with closing(open_page(flown.pilot)) as page:
+        yield page
+
+
+@pytest.fixture(scope="module")
+def idle():
+    """The page of a flight that has not begun, for all who only ask."""
+    with closing(open_page(flight("quickstart").pilot)) as page:
+        yield page
+
+
+def fly(flown, seconds, page):
+    """As the runner does, a tick shown after each step, at a pace that the server keeps: no line is dropped."""
+
+    def show(flown):
+        select.select([], [page._pipe], [])
+        page.show(flown.ticks[-1] if flown.ticks else None, LoopStep(flown.now))
+
+    flown.fly(seconds, show)
+
+
+def address(page):
+    host, port = page.url.removeprefix("http://").rstrip("/").split(":")
+    return host, int(port)
+
+
+def ask(page, method, path, **headers):
+    connection = http.client.HTTPConnection(*address(page), timeout=PATIENCE)
+    connection.request(method, path, headers=headers)
+    return connection.getresponse()
+
+
+class Stream:
+    """A browser that reads the events one by one."""
+
+    def __init__(self, page):
+        self.response = ask(page, "GET", "/events")
+
+    def next(self):
+        """Kind and content of the next event."""
+        kind = self.response.readline().decode().removeprefix("event: ").strip()
+        data = self.response.readline().decode().removeprefix("data: ")
+        self.response.readline()
+        return kind, json.loads(data)
+
+    def until(self, kind):
+        """The content of the first event of a kind."""
+        while True:
+            found, content = self.next()
+            if found == kind:
+                return content
+
+    def until_tick(self, time):
+        """The tick of a time; a browser that has fallen behind gets it with the history."""
+        while True:
+            kind, content = self.next()
+            tick = content["newest"] if kind == "history" else content
+            if kind != "end" and tick is not None and tick["time"] == round(time, 5):
+                return tick
+
+
+# --- HTTP ---
+
+
+def test_the_page_is_served_whole_and_needs_no_other_host(idle):
+    answer = ask(idle, "GET", "/")
+    body = answer.read().decode()
+    assert answer.status == 200
+    assert answer.headers["Content-Type"].startswith("text/html")
+    assert "default-src 'none'" in answer.headers["Content-Security-Policy"]
+    assert not any(word in body for word in ("http://", "https://", "@import", "url(", '<link rel="stylesheet'))
+
+
+def test_there_is_nothing_else_and_nothing_that_changes_anything_nor_under_another_name(idle):
+    for method, path in product(("POST", "PUT", "DELETE", "PATCH", "OPTIONS"), ("/", "/events")):
+        assert ask(idle, method, path).status == 405, (method, path)
+    for method, path in product(("GET", "POST"), ("/nothing", "/../history.py", "/stop")):
+        assert ask(idle, method, path).status == 404, (method, path)
+    assert ask(idle, "GET", "/events", Host="elsewhere.example").status == 400
+
+
+def test_connections_that_ask_for_nothing_keep_nobody_from_the_page_and_no_other_interface_is_bound(idle):
+    with socket.socket() as other, pytest.raises(ConnectionRefusedError):
+        other.connect(("127.0.0.2", address(idle)[1]))
+    with ExitStack() as held:
+        for _ in range(60):
+            held.enter_context(socket.create_connection(address(idle)))
+        assert ask(idle, "GET", "/").status == 200
+        assert Stream(idle).response.status == 200
+
+
+def test_more_browsers_than_the_flight_can_spare_time_for_are_refused_and_one_that_vanishes_leaves_no_verdict(page):
+    streams = [Stream(page) for _ in range(MOST_BROWSERS)]
+    for stream in streams:
+        stream.until("history")
+    assert ask(page, "GET", "/events").status == 503
+    assert ask(page, "GET", "/").status == 200
+    page.close()
+    assert [stream.until("end") for stream in streams] == [{"verdict": None}] * MOST_BROWSERS
+
+
+# --- the stream ---
+
+
+def test_a_browser_gets_what_was_what_is_and_the_verdict(flown, page):
+    early = Stream(page)
+    fly(flown, 8.0, page)
+    early.until_tick(flown.ticks[-1].time)  # the server has it all
+    stream = Stream(page)
+    begun = stream.until("history")
+    assert (begun["flight"]["name"], begun["flight"]["radius"]) == ("small", 100.0)
+    assert {point[0] for point in begun["points"]} == {round(tick.time, 5) for tick in flown.ticks}
+    assert begun["newest"]["time"] == round(flown.ticks[-1].time, 5)
+    assert re.fullmatch(r"2\d{3}-\d\d-\d\d \d\d:\d\d UTC", begun["flight"]["date"])
+    assert begun["newest"]["facts"]["vehicle"] == "ardupilot copter, firmware 4.6.3"
+    fly(flown, 10.0, page)
+    newest = stream.until_tick(flown.ticks[-1].time)
+    assert (newest["phase"], newest["r"]) == ("engaged", round(flown.ticks[-1].r, 5))
+    page.finish(VERDICT)
+    page.close()
+    assert stream.until("end") == {"verdict": VERDICT}
+    assert stream.response.read() == b""
+
+
+# --- nothing holds up the flight ---
+
+
+@pytest.fixture(scope="module")
+def ticks_alone():
+    """Of a flight without a page: some 600, far more than the pipe holds."""
+    return flight("quickstart").fly(20.0).ticks
+
+
+def test_a_server_that_hangs_and_one_that_was_killed_cost_no_tick(flown, page, ticks_alone):
+    def show(flown):
+        page.show(flown.ticks[-1] if flown.ticks else None, LoopStep(flown.now))
+
+    os.kill(page._process.pid, signal.SIGSTOP)
+    flown.fly(15.0, show)
+    os.kill(page._process.pid, signal.SIGKILL)
+    page._process.wait()
+    flown.fly(20.0, show)
+    page.finish(VERDICT)
+    assert flown.ticks == ticks_alone
+
+
+def test_a_browser_that_never_reads_holds_up_nobody(flown, page, ticks_alone):
+    with ExitStack() as stuck:
+        for _ in range(5):
+            browser = stuck.enter_context(socket.create_connection(address(page)))
+            browser.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1024)
+            browser.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        stream = Stream(page)
+        fly(flown, 20.0, page)
+        page.finish(VERDICT)
+        page.close()
+        assert flown.ticks == ticks_alone
+        assert stream.until("end")["verdict"] == VERDICT
+        assert page._process.returncode == 0
+
+
+# --- frames that anybody may send ---
+
+
+def truth_frame(north, east):
+    """The vehicle so far from the target, as the bundled vehicle tells its truth."""
+    message = mavlink.MAVLink_debug_float_array_message(0, b"SIM_TRUTH", 0, [north, east] + [0.0] * 56)
+    return bytes(message.pack(mavlink.MAVLink(None, srcSystem=7)))
+
+
+@pytest.mark.parametrize("bundled", [True, False], ids=["the bundled vehicle", "any other"])
+def test_the_truth_of_the_bundled_vehicle_alone_is_told_and_what_is_no_number_is_passed_over(
+    flown, monkeypatch, bundled
+):
+    assert [feed._plain(value) for value in (nan, inf, 1.000001)] == [None, None, 1.0]
+    told, good = [], truth_frame(30.0, 4.0)
+    frames = [truth_frame(nan, 2.0), good, truth_frame(1.0, inf), truth_frame(-inf, 1.0)]
+    flown.fly(8.0)
+    with closing(open_page(flown.pilot, truth=bundled)) as page:
+        monkeypatch.setattr(page, "_tell", told.append)
+        for frame in frames:
+            page.show(flown.ticks[-1], LoopStep(flown.now, heard=[("main", "anybody", [frame])]))
+    known = [(None, None), *[(4.0, 30.0)] * 3] if bundled else [(None, None)] * 4
+    assert [(what["east"], what["north"]) for what in told] == known
+
+
+# --- bounded ---
+
+
+def history_of(many):
+    history = History()
+    for number in range(many):
+        history.take(json.dumps({"kind": "tick", **dict.fromkeys(COLUMNS), "time": number}).encode())
+    return history
+
+
+def test_the_history_of_a_long_flight_is_bounded_and_spans_it_evenly_and_who_is_a_little_behind_gets_what_he_missed():
+    many = 4 * MOST_POINTS + 1000
+    (event,) = history_of(many).since(None)
+    begun = json.loads(event.partition("data: ")[2])
+    times = [point[0] for point in begun["points"]]
+    assert MOST_POINTS / 2 <= len(times) <= MOST_POINTS
+    assert times == [number * begun["every"] for number in range(len(times))]
+    assert times[-1] > many - begun["every"] - 1
+    assert begun["newest"]["time"] == many - 1
+    history = history_of(500)
+    assert [json.loads(event.partition("data: ")[2])["time"] for event in history.since(497)] == [497, 498, 499]
+    assert history.since(500) == []
+    assert len(history.since(500 - NEWEST)) == NEWEST
+    assert [event.partition("\n")[0] for event in history.since(500 - NEWEST - 1)] == ["event: history"]
+
+
+# --- refusals ---
+
+
+def test_without_the_packages_the_command_that_brings_them_is_named(flown, monkeypatch):
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "uvicorn" else find(name))
+    with pytest.raises(WebError, match=r"--web needs the package uvicorn: pip install uvicorn"):
+        open_page(flown.pilot)

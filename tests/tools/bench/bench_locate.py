@@ -1,0 +1,171 @@
+"""How well the survey knows where the target is: many flights of the bundled vehicle, judged by its truth.
+
+    python -m tests.tools.bench.bench_locate --flights 200
+
+One row a situation. Beyond GPS: error less the mean error of the reported positions over the same time, 95th
+percentile. Band: share of flights whose squared error in units of the stated covariance (NEES) lies in its 95 % band.
+Bound: the Cramer-Rao bound of ranges alone, the positions taken as true, over the tracks as flown: 95th percentile of
+the horizontal error and of the height's. The GPS wanders by 1.5 m with 60 s, which the survey does not know (it assumes
+1.5 m and 100 s); wind 5 m/s with gusts of 1 m/s.
+"""
+
+import argparse
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from math import hypot
+
+import numpy as np
+from circnav_sim.sensor import CHARACTERS
+from circnav_sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG
+
+from circnav_mav.extras.locate.locator import HOME_SIGMA, LocateSettings, Locator
+from circnav_mav.extras.locate.place import CHI95, Place
+from tests.extras.locate.flown import Surveyed, laps, nees, surveyed
+
+BAND = (0.0506, 7.378)
+"""95 % of chi-squared with two degrees of freedom."""
+SETTLED, LONGEST = 40.0, 400.0
+"""Time, s, from which the vehicle is on its circle, and for which a flight lasts at most."""
+WORLD = (
+    'sim.vehicle.dynamics="airborne"', "sim.wind.speed_mps=5", "sim.wind.gust_rms_mps=1", "sim.sensors.gps_error_m=1.5",
+    "sim.start.random.range_m=[120, 200]", "sim.start.random.bearing_deg=[0, 360]", "limits.duration_s=1000",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Situation:
+    """laps: whole ones round the true target, counted on the last circle."""
+
+    name: str
+    changes: tuple[str, ...] = ()
+    laps: float = 1.0
+    speed: float = 0.0
+    gps: float = 1.5
+
+
+TWO_CIRCLES = ("orbit.radius_m=[100, 60]", "vehicle.max_turn_rate_deg_s=35")
+SITUATIONS = (
+    Situation("one lap, .5 m"),
+    Situation("one lap, LoRa", ('sim.ranging.preset="lora"', "ranging.sigma_m=3")),
+    Situation("one lap, 10 % outliers", ("sim.ranging.outlier_fraction=0.1",)),
+    Situation("two circles, .5 m", TWO_CIRCLES),
+    Situation("two circles, RTK (.02 m)", (*TWO_CIRCLES, "sim.sensors.gps_error_m=0.02"), gps=0.02),
+    Situation("target at 3 m/s, two laps", ("sim.target.velocity_east_mps=3",), laps=2.0, speed=3.0),
+)
+
+
+@dataclass(frozen=True)
+class Result:
+    """error, gps: m. nees: of the place. bound: of the place and of its height, m. up: error of the height, m; None:
+    not claimed. speed: error, m/s; None: it is said to stand."""
+
+    error: float
+    gps: float
+    sigma: float
+    nees: float
+    bound: tuple[float, float]
+    up: float | None
+    speed: float | None
+
+
+def fly(situation: Situation, seed: int) -> Result | None:
+    """One flight; None where no place was found. What counts begins on the first circle."""
+    flown = surveyed("quickstart", *WORLD, *situation.changes, f"sim.seed={seed}", law="auto", gps_sigma=situation.gps)
+    locator, later = flown.locator, len(flown.pilot.settings.later_circles)
+    assert locator is not None
+    flown.solve_from = 1e9
+    flown.fly(SETTLED)
+    begun = flown.now
+    while flown.now < LONGEST and (later and flown.pilot.controller.orbit is flown.pilot.settings.orbit):
+        flown.fly(flown.now + 1.0)
+    counted = flown.now
+    while flown.now < LONGEST and laps([one for one in flown.truths if one.time >= counted]) < situation.laps:
+        flown.fly(flown.now + 0.5)
+    for heard in (locator._track, locator._ranges):
+        while heard[0][0] < begun:
+            heard.popleft()
+    place = flown.solve()
+    if not isinstance(place, Place):
+        return None
+    truth = flown.vehicle.truth
+    velocity = np.array(place.velocity) - [situation.speed, 0.0]
+    return Result(
+        error=hypot(*flown.error(place)),
+        gps=hypot(*_gps_error(flown, locator)),
+        sigma=place.sigma,
+        nees=nees(flown, place),
+        bound=bound(flown, locator),
+        up=place.up - (584.0 - truth.target_down) if place.up_known else None,
+        speed=hypot(*velocity) if place.moves else None,
+    )
+
+
+def bound(flown: Surveyed, locator: Locator) -> tuple[float, float]:
+    """Of the ranges that count: the Fisher matrix of east, north, up, bias and, where the target moves, its velocity,
+    with what the survey knows beforehand of height and bias. A radio's drift is an AR(1) process."""
+    radio, times = flown.vehicle._flight.config.ranging, np.array(locator._ranges)[:, 0]
+    kind, moves = CHARACTERS[radio.preset], flown.truths[0].target_east != flown.truths[-1].target_east
+    true = np.array([
+        (one.time, one.target_east - one.east, one.target_north - one.north, one.down - one.target_down)
+        for one in flown.truths
+    ])  # fmt: skip
+    way = np.column_stack([np.interp(times, true[:, 0], part) for part in true[:, 1:].T])
+    sight, ahead = way / np.linalg.norm(way, axis=1)[:, None], times - times[-1]
+    slopes = np.column_stack(
+        [sight, np.ones(len(times)), *([sight[:, 0] * ahead, sight[:, 1] * ahead] if moves else ())]
+    )
+    white = radio.noise_m if kind.white is None else kind.white
+    drift = kind.drift**2 * np.exp(-np.abs(times[:, None] - times) / kind.drift_time)
+    fisher = slopes.T @ np.linalg.solve(drift + white**2 * np.eye(len(times)), slopes)
+    fisher[[2, 3], [2, 3]] += HOME_SIGMA**-2, LocateSettings(0).range_bias_sigma ** -2
+    variances = np.diag(np.linalg.inv(fisher))
+    return CHI95 * float(np.sqrt(variances[:2].mean())), 1.96 * float(np.sqrt(variances[2]))
+
+
+def _gps_error(flown: Surveyed, locator: Locator) -> np.ndarray:
+    """Mean error of the reported positions that count, east and north, m."""
+    assert locator.plane is not None
+    track, times = np.array(locator._track), [one.time for one in flown.truths]
+    home = locator.plane.to_metres(HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG)
+    true = [np.interp(track[:, 0], times, [getattr(one, way) for one in flown.truths]) for way in ("east", "north")]
+    return np.array([np.mean(track[:, 1 + at] - home[at] - true[at]) for at in (0, 1)])
+
+
+def row(situation: Situation, results: list[Result | None]) -> str:
+    """A situation as a line of the table."""
+    found = [one for one in results if one is not None]
+    inside = np.mean([BAND[0] <= one.nees <= BAND[1] for one in found])
+    below = np.mean([one.nees <= BAND[1] for one in found])
+    beyond = np.percentile([one.error - one.gps for one in found], 95)
+    heights = [abs(one.up) for one in found if one.up is not None]
+    speeds = [one.speed for one in found if one.speed is not None]
+    tall = f"{len(heights)}, {np.percentile(heights, 95):.2f} m" if heights else "0"
+    fast = f"{len(speeds)}, {np.percentile(speeds, 95):.2f} m/s" if speeds else "0"
+    sigma, least = np.median([one.sigma for one in found]), np.median([one.bound for one in found], axis=0)
+    return (
+        f"| {situation.name} | {len(found)} of {len(results)} | {np.median([o.error for o in found]):.2f} | "
+        f"{np.percentile([o.error for o in found], 95):.2f} | {beyond:.2f} | "
+        f"{least[0]:.2f}, up {least[1]:.2f} | {sigma:.2f} | "
+        f"{100 * inside:.0f} % ({100 * below:.0f} % below its top) | {tall} | {fast} |"
+    )
+
+
+def main() -> None:
+    """The table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--flights", type=int, default=200)
+    parser.add_argument("--situation", action="append", metavar="NAME", help="only these")
+    parser.add_argument("--processes", type=int, default=2)
+    options = parser.parse_args()
+    print("| situation | places | error, m | 95 % | beyond GPS, 95 % | bound, 95 % | stated sigma | NEES in band | "
+          "heights claimed, 95 % | velocities, 95 % |")  # fmt: skip
+    print("|---|---|---|---|---|---|---|---|---|---|")
+    with ProcessPoolExecutor(options.processes) as pool:
+        for situation in (one for one in SITUATIONS if not options.situation or one.name in options.situation):
+            results = list(pool.map(partial(fly, situation), range(1, 1 + options.flights)))
+            print(row(situation, results), flush=True)
+
+
+if __name__ == "__main__":
+    main()

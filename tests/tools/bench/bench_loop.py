@@ -1,0 +1,257 @@
+"""What the loop costs, beside a bare pymavlink loop in the same run. Prints; asserts nothing.
+
+    python -m tests.tools.bench.bench_loop [--seconds 120]
+
+1. Range datagram in to setpoint datagram out over UDP. `circnav fly` under `auto` and `smooth`, each in a process of
+   its own, and the least that pymavlink can do hear the quickstart's flight again in real time, in turn: attitudes,
+   accelerations, airspeed, heartbeats and ranges at the rates that circnav asks for. Questions for the time are
+   answered.
+2. What a range and a tick cost between the bytes and the setpoint, without sockets, and the processor's time of 600 s
+   of flight, in lockstep with the vehicle (which is counted, too) and without.
+"""
+
+import argparse
+import heapq
+import multiprocessing as mp
+import select
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Hashable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from circnav_sim.faults.frames import frames, message_id
+from pymavlink.dialects.v20 import all as dialect
+
+from circnav_mav.pilot import VEHICLE
+from tests.flight.lockstep import SETPOINT_IDS, Flight, flight
+from tests.frames import read
+from tests.tools.bench.on_port import ROOT
+
+MISSION = ROOT / "config" / "quickstart.toml"
+BARE, LAWS = "bare pymavlink", ("smooth", "auto")
+RANGE = dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR
+ANSWERED = {dialect.MAVLINK_MSG_ID_TIMESYNC, dialect.MAVLINK_MSG_ID_COMMAND_ACK}
+"""What the vehicle of the recording answered is answered anew."""
+SETTLING = 40.0
+"""Time, s, after which every law has found what it looks for."""
+PATIENCE = 0.03
+"""Time, s, for which an answer is waited for: the next listener is due."""
+STARTING = 30.0
+GOES_ON = ("limits.duration_s=1e6", "sim.truth.rate_hz=0")
+
+
+def recorded(law: str, seconds: float) -> list[tuple[float, bytes]]:
+    """What the vehicle sends in a flight under a law, with its times, s."""
+    heard: list[tuple[float, bytes]] = []
+
+    def hears(frame: bytes, now: float) -> bool:
+        if message_id(frame) not in ANSWERED:
+            heard.append((now, frame))
+        return True
+
+    flown = flight("quickstart", *GOES_ON, law=law)
+    flown.hears = hears
+    flown.fly(seconds)
+    return heard
+
+
+@dataclass
+class Listener:
+    """One that hears the flight and answers: its socket here, and the times that its answers take, s."""
+
+    name: str
+    flight: list[tuple[float, bytes]]
+    link: socket.socket
+    process: "subprocess.Popen[bytes] | mp.Process | None" = None
+    address: tuple[str, int] | None = None
+    steers: bool = False
+    latencies: list[float] = field(default_factory=list)
+    missed: int = 0
+
+    def __post_init__(self) -> None:
+        self.link.bind(("127.0.0.1", 0))
+        self.writer = dialect.MAVLink(None, 1, 1)
+
+    @property
+    def port(self) -> int:
+        return int(self.link.getsockname()[1])
+
+    def take(self) -> bool:
+        """Take in one datagram; answer questions; tells whether it held a setpoint."""
+        data, self.address = self.link.recvfrom(65536)
+        setpoint = False
+        for frame in frames(data):
+            ident = message_id(frame)
+            setpoint |= ident in SETPOINT_IDS
+            if ident in (dialect.MAVLINK_MSG_ID_TIMESYNC, dialect.MAVLINK_MSG_ID_COMMAND_LONG):
+                self._answer(read(frame))
+        self.steers |= setpoint
+        return setpoint
+
+    def _answer(self, asked: dialect.MAVLink_message) -> None:
+        if asked.get_type() == "COMMAND_LONG":
+            answer = dialect.MAVLink_command_ack_message(asked.command, dialect.MAV_RESULT_ACCEPTED)
+        elif asked.tc1:
+            return
+        else:
+            answer = dialect.MAVLink_timesync_message(time.monotonic_ns(), asked.ts1)
+        self.link.sendto(answer.pack(self.writer), self.address)
+
+    def range_to_setpoint(self, frame: bytes) -> float | None:
+        """Send a range, s until its setpoint is here; None if none comes. Who does not steer is not waited for."""
+        began = time.perf_counter()
+        self.link.sendto(frame, self.address)
+        steers, self.steers = self.steers, False
+        while steers and select.select([self.link], [], [], PATIENCE)[0]:
+            if self.take():
+                return time.perf_counter() - began
+        return None
+
+    def close(self) -> None:
+        if self.process is not None:
+            self.process.kill()
+        self.link.close()
+
+
+def bare_loop(port: int) -> None:
+    """The least that can answer: parse with pymavlink, pack a setpoint, send."""
+    link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    reader, writer = dialect.MAVLink(None), dialect.MAVLink(None, 1, 191)
+    reader.robust_parsing = True
+    setpoint = dialect.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, 8, 0x407, 0, 0, 0, 5.0, 0, 0, 0, 0.5, 0, 0, 0.1
+    )
+    link.sendto(b"here", ("127.0.0.1", port))
+    while True:
+        data, source = link.recvfrom(65536)
+        for message in reader.parse_buffer(data) or ():
+            if message.get_type() == "DISTANCE_SENSOR":
+                link.sendto(setpoint.pack(writer), source)
+
+
+def start(name: str, seconds: float, folder: Path) -> Listener:
+    """A listener in a process of its own."""
+    law = "smooth" if name == BARE else name
+    here = Listener(name, recorded(law, seconds), socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+    if name == BARE:
+        here.process = mp.Process(target=bare_loop, args=(here.port,), daemon=True)
+        here.process.start()
+        return here
+    command = [sys.executable, "-m", "circnav_mav", "fly", str(MISSION), "--out", str(folder / name)]
+    command += ["--endpoint", f"udpout:127.0.0.1:{here.port}", "--duration", "1e6", "--set", f'guidance.law="{law}"']
+    here.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL)
+    return here
+
+
+def play(listeners: list[Listener]) -> None:
+    """Send everybody his flight in real time, a third of a range's period apart."""
+    for one in listeners:
+        if not select.select([one.link], [], [], STARTING)[0]:
+            raise SystemExit(f"{one.name}: does not speak")
+        one.take()
+    step = 0.1 / len(listeners)
+
+    def delayed(index: int) -> Iterator[tuple[float, int, bytes]]:
+        return ((at + index * step, index, frame) for at, frame in listeners[index].flight)
+
+    links = [one.link for one in listeners]
+    began = time.monotonic()
+    for at, index, frame in heapq.merge(*map(delayed, range(len(listeners)))):
+        while (wait := began + at - time.monotonic()) > 0 or select.select(links, [], [], 0)[0]:
+            for link in select.select(links, [], [], max(wait, 0.0))[0]:
+                listeners[links.index(link)].take()
+        one = listeners[index]
+        if message_id(frame) != RANGE:
+            one.link.sendto(frame, one.address)
+            continue
+        one.steers |= one.name == BARE
+        took = one.range_to_setpoint(frame)
+        if at > SETTLING:
+            one.missed += took is None
+            one.latencies += [took] if took is not None else []
+
+
+def latency_table(seconds: float) -> None:
+    """Fly all three at once, in turn, and print."""
+    with tempfile.TemporaryDirectory() as folder:
+        listeners = [start(name, SETTLING + seconds, Path(folder)) for name in (BARE, *LAWS)]
+        try:
+            play(listeners)
+        finally:
+            for one in listeners:
+                one.close()
+            time.sleep(0.2)
+    print(f"range in -> setpoint out over UDP, {seconds:.0f} s of the quickstart's messages, microseconds")
+    print(f"{'':<16}{'median':>8}{'90 %':>8}{'99 %':>8}{'worst':>8}   ratio of medians   of 99 %   ranges (no answer)")
+    bare = np.percentile(listeners[0].latencies or [np.nan], [50, 99])
+    for one in listeners:
+        if not one.latencies:
+            print(f"{one.name:<16}does not steer: the computer is too busy for a flight in real time")
+            continue
+        p50, p90, p99, worst = (1e6 * value for value in np.percentile(one.latencies, [50, 90, 99, 100]))
+        print(
+            f"{one.name:<16}{p50:8.0f}{p90:8.0f}{p99:8.0f}{worst:8.0f}{p50 / bare[0] / 1e6:19.2f}"
+            f"{p99 / bare[1] / 1e6:10.2f}{len(one.latencies):9} ({one.missed})"
+        )
+
+
+class Stopwatch:
+    """Notes how long the pilot of a flight takes from the bytes of a range, or the tick, to its answer, s."""
+
+    def __init__(self, flown: Flight) -> None:
+        self._pilot = pilot = flown.pilot
+        self._receive, self._answer = pilot.receive, pilot.answer
+        pilot.receive, pilot.answer = self.receive, self.answer  # type: ignore[method-assign]
+        self.ranges: list[float] = []
+        self.ticks: list[float] = []
+        self.all = self._heard = 0.0
+
+    def receive(self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE) -> None:
+        began = time.perf_counter()
+        self._receive(data, now, source, link)
+        self._heard = time.perf_counter() - began
+        self.all += self._heard
+
+    def answer(self, now: float) -> bytes:
+        fresh, began = self._pilot.tracker.fresh, time.perf_counter()
+        out = self._answer(now)
+        took = time.perf_counter() - began
+        self.all += took
+        if out and message_id(out) in SETPOINT_IDS and now > SETTLING:
+            (self.ranges if fresh else self.ticks).append(took + fresh * self._heard)
+        return out
+
+
+def mission_cpu(law: str) -> None:
+    """600 s of flight in lockstep with real bytes."""
+    flown = flight("quickstart", "sim.truth.rate_hz=0", "limits.duration_s=600.0", law=law)
+    watch = Stopwatch(flown)
+    began = time.process_time()
+    flown.fly(610)
+    took = time.process_time() - began
+    of_range, of_tick = (1e6 * np.percentile(times, [50, 99]) for times in (watch.ranges, watch.ticks))
+    print(
+        f"{law:<8} bytes to setpoint: range {of_range[0]:.0f} us, 99 % {of_range[1]:.0f} us; tick {of_tick[0]:.0f} us, "
+        f"99 % {of_tick[1]:.0f} us; 600 s: {took:.2f} s of CPU, of it the pilot until it answers {watch.all:.2f} s"
+    )
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(prog="python -m tests.tools.bench.bench_loop", description=__doc__)
+    parser.add_argument("--seconds", type=float, default=120.0, help="of real time for the latencies; 0: without")
+    options = parser.parse_args(arguments)
+    if options.seconds:
+        latency_table(options.seconds)
+    for law in LAWS:
+        mission_cpu(law)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,65 @@
+"""python -m tests.tools.bench.bench_start [--times 5]:
+
+how soon `circnav fly` speaks, what `check` costs, memory in flight.
+
+Processor times beside that of importing numpy and pymavlink's dialect, in the same run, in turn. The flight is the
+quickstart's in real time; its memory is what is resident once it steers, threads and all. Prints; asserts nothing.
+"""
+
+import argparse
+import resource
+import statistics
+import subprocess
+import sys
+
+from circnav_sim.faults.frames import frames, message_id
+
+from tests.tools.bench.on_port import ROOT, SETPOINT, flown, resident_mb
+
+MISSION = ROOT / "config" / "quickstart.toml"
+IMPORTS = ["-c", "import numpy; from pymavlink.dialects.v20 import all"]
+CHECK = ["-m", "circnav_mav", "check", str(MISSION)]
+STEERED = 20.0
+"""Time, s, of steering before the memory is read."""
+PATIENCE = 60.0
+
+
+def processor_time(arguments: list[str]) -> float:
+    """Of a Python process, s."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([sys.executable, *arguments], cwd=ROOT, stdout=subprocess.DEVNULL, check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def fly(law: str, steered: float) -> tuple[float, float]:
+    """Start `circnav fly`: s until its first heartbeat, and MB once it has steered for a time (s; 0: at once)."""
+    with flown(MISSION, "--set", f'guidance.law="{law}"') as (vehicle, process, _):
+        while not vehicle.heard and vehicle.now < PATIENCE:
+            vehicle.turn()
+        spoke, until, steering = vehicle.now, PATIENCE if steered else 0.0, False
+        while vehicle.now < until:
+            data = vehicle.turn()
+            if not steering and any(message_id(frame) == SETPOINT for frame in frames(data)):
+                steering, until = True, vehicle.now + steered
+        return spoke, resident_mb(process)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(prog="python -m tests.tools.bench.bench_start", description=__doc__)
+    parser.add_argument("--times", type=int, default=5)
+    times = parser.parse_args(arguments).times
+    measured = [(processor_time(IMPORTS), processor_time(CHECK), fly("auto", 0.0)[0]) for _ in range(times)]
+    bare, check, spoke = zip(*measured, strict=True)
+    imports, checks = statistics.median(bare), statistics.median(check)
+    print(f"numpy and pymavlink imported: {imports:.2f} s of CPU")
+    print(f"circnav check: {checks:.2f} s of CPU, {checks / imports:.1f} times as much")
+    print(f"circnav fly, first heartbeat after: median {statistics.median(spoke):.2f} s, worst {max(spoke):.2f} s")
+    for law in ("smooth", "auto"):
+        print(f"memory in flight, {law}: {fly(law, STEERED)[1]:.0f} MB")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

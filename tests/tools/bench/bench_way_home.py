@@ -1,0 +1,90 @@
+"""How far from the truth a plane is that is handed back on its way home, without GPS, 2 km from the beacon.
+
+    python -m tests.tools.bench.bench_way_home --reach 500 --flights 4 [--change] [--heading 3] [--gusts 1 3]
+
+The bundled ArduPlane in lockstep: wind 5 m/s from the west, GPS lost after 100 s, with --change 8 m/s from the north
+after 130 s, RTL after 260 s. One line a flight: error of the position that is given, m, when the circle ends, when the
+vehicle comes within 150 m of home, and a minute later. heading: an error of the compass that begins with the way home,
+degrees. The emulated autopilot flies home by the truth.
+"""
+
+import argparse
+from dataclasses import dataclass
+from math import hypot
+
+import numpy as np
+from circnav_sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG
+
+from circnav_mav.extras.locate.handback import HandBackSettings
+from tests.extras.locate.flown import Surveyed, surveyed
+
+AWAY, OFF, CHANGED, LEAVES, LONGEST = 2000.0, 100.0, 130.0, 260.0, 480.0
+THERE, LATER = 150.0, 60.0
+WORLD = (
+    f'sim.events=[{{at_s={OFF}, action="gps_off"}}]', "sim.sensors.gps_error_m=1", "sim.sensors.dead_reckoning_mps=1",
+    "sim.wind.speed_mps=5", "sim.wind.from_deg=270", f"sim.target.north_m={-AWAY}", f"sim.start.north_m={150 - AWAY}",
+    "sim.start.east_m=-100", 'sim.ranging.message="named_value_float"', 'ranging.message="named_value_float"',
+    'ranging.name="RANGE"', 'exit.action="rtl"', f"limits.duration_s={LEAVES}",
+)  # fmt: skip
+
+
+@dataclass
+class WayHome:
+    """One flight. errors: time, s; error, m; distance from home, m."""
+
+    options: argparse.Namespace
+    changed: bool = False
+    left: float | None = None
+
+    def __post_init__(self) -> None:
+        self.errors: list[tuple[float, float, float]] = []
+
+    def watch(self, flown: Surveyed) -> None:
+        """Let happen what is due, and look."""
+        flight, locator = flown.vehicle._flight, flown.locator
+        if self.options.change and not self.changed and flown.now > CHANGED:
+            self.changed = True
+            flight.air._config = flight.air._config.changed(from_deg=0.0)
+            flight.air.blow(8.0)
+        if flown.pilot.done and self.left is None:
+            self.left, instruments = flown.now, flight.instruments
+            instruments._config = instruments._config.changed(heading_bias_deg=self.options.heading)
+        assert locator is not None
+        here, truth = locator._reckoning.where, flown.vehicle.truth
+        if here is not None and locator.plane is not None and flown.now > OFF:
+            east, north = locator.plane.to_metres(HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG)
+            error = hypot(here.east - east - truth.east, here.north - north - truth.north)
+            self.errors.append((flown.now, error, hypot(truth.east, truth.north)))
+
+    def fly(self, seed: int) -> tuple[float, float, float]:
+        """When it leaves the circle, at home, and later."""
+        rms, time = self.options.gusts
+        changes = (f"sim.ranging.max_range_m={self.options.reach}", f"sim.wind.gust_rms_mps={rms}",
+                   f"sim.wind.gust_time_s={time}", f"sim.seed={seed}")  # fmt: skip
+        flown = surveyed("arduplane", *WORLD, *changes, law="auto", handback=HandBackSettings())
+        flown.solve_from, flown.solve_every = 60.0, 30.0
+        flown.fly(LONGEST, self.watch)
+        times, errors, away = np.array(self.errors).T
+        there = float(times[away < THERE][0])
+        assert self.left is not None
+        return tuple(float(np.interp(at, times, errors)) for at in (self.left, there, there + LATER))  # type: ignore[return-value]
+
+
+def main() -> None:
+    """A line a flight, and their root mean squares."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--reach", type=float, default=500.0, help="of the radio, m")
+    parser.add_argument("--flights", type=int, default=4)
+    parser.add_argument("--change", action="store_true", help="another wind")
+    parser.add_argument("--heading", type=float, default=0.0, help="degrees")
+    parser.add_argument("--gusts", type=float, nargs=2, default=(0.5, 1.0), metavar=("RMS", "TIME"), help="m/s, s")
+    options = parser.parse_args()
+    found = []
+    for seed in range(1, 1 + options.flights):
+        found.append(WayHome(options).fly(seed))
+        print("| {} | {:.1f} | {:.1f} | {:.1f} |".format(seed, *found[-1]), flush=True)
+    print("| all | {:.1f} | {:.1f} | {:.1f} |".format(*np.sqrt(np.mean(np.square(found), axis=0))))
+
+
+if __name__ == "__main__":
+    main()

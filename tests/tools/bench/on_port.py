@@ -1,0 +1,85 @@
+"""`circnav fly` in a process of its own, in real time, and the vehicle that it flies on a UDP port of this process."""
+
+import os
+import select
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from circnav_sim.config import load_vehicle
+from circnav_sim.vehicle import Vehicle
+
+ROOT = Path(__file__).parents[2]
+SETPOINT = 84
+LONGEST_WAIT = 0.05
+
+
+class VehicleOnPort:
+    """The vehicle of a mission, and the application that it is flown by: whoever spoke last. Times, s, since it is."""
+
+    def __init__(self, mission: Path) -> None:
+        self.vehicle = Vehicle(load_vehicle(mission))
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1", 0))
+        self._socket.setblocking(False)
+        self._peer: tuple[str, int] | None = None
+        self._began = time.monotonic()
+        self.endpoint = f"udpout:127.0.0.1:{self._socket.getsockname()[1]}"
+
+    @property
+    def now(self) -> float:
+        return time.monotonic() - self._began
+
+    @property
+    def heard(self) -> bool:
+        """Whether the application has spoken."""
+        return self._peer is not None
+
+    def speak(self) -> Iterator[bytes]:
+        """Carry the vehicle on to now; the frames that it sends, each when it has left."""
+        self.vehicle.advance(self.now)
+        for frame in self.vehicle.outgoing():
+            if self._peer is not None:
+                self._socket.sendto(frame, self._peer)
+                yield frame
+
+    def hear(self) -> bytes:
+        """Wait for the application while the vehicle has nothing to do; what came of it, and went on to the vehicle."""
+        wait = min(self.vehicle.next_event - self.now, LONGEST_WAIT)
+        if not select.select([self._socket], [], [], max(wait, 0.0))[0]:
+            return b""
+        data, self._peer = self._socket.recvfrom(65535)
+        self.vehicle.receive(data)
+        return data
+
+    def turn(self) -> bytes:
+        """Speak, and hear."""
+        for _ in self.speak():
+            pass
+        return self.hear()
+
+
+@contextmanager
+def flown(mission: Path, *arguments: str) -> Iterator[tuple[VehicleOnPort, "subprocess.Popen[bytes]", Path]]:
+    """A vehicle, the process of `circnav fly` that flies it, and the folder of its run."""
+    vehicle = VehicleOnPort(mission)
+    with tempfile.TemporaryDirectory() as folder:
+        run = Path(folder) / "run"
+        command = [sys.executable, "-m", "circnav_mav", "fly", str(mission), "--out", str(run), "--endpoint"]
+        process = subprocess.Popen([*command, vehicle.endpoint, *arguments], cwd=ROOT, stdout=subprocess.DEVNULL)
+        try:
+            yield vehicle, process, run
+        finally:
+            process.kill()
+            process.wait()
+
+
+def resident_mb(process: "subprocess.Popen[bytes]") -> float:
+    """Its memory."""
+    pages = int(Path(f"/proc/{process.pid}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6

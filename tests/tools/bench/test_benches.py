@@ -1,0 +1,93 @@
+"""The parts of each bench run, on less than they measure: nobody flies the benches themselves with every change."""
+
+import socket
+import threading
+
+import pytest
+from circnav_sim.faults.frames import message_id
+
+from tests.rig import Voice, heartbeat
+from tests.tools.bench import bench_estimators, bench_load, bench_locate, bench_loop, bench_sigterm, bench_start
+from tests.tools.bench.on_port import VehicleOnPort
+
+
+@pytest.fixture
+def vehicle():
+    return VehicleOnPort(bench_load.MISSION)
+
+
+@pytest.fixture
+def application(vehicle):
+    """A socket that has greeted the vehicle."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        link.connect(("127.0.0.1", int(vehicle.endpoint.rsplit(":", 1)[1])))
+        link.send(Voice(1, 191).say(heartbeat(kind=18, autopilot=8)))
+        yield link
+
+
+def test_a_vehicle_on_a_port_hears_who_spoke_last_and_answers_him(vehicle, application):
+    while not vehicle.heard:
+        vehicle.turn()
+    while not any(True for _ in vehicle.speak()):
+        vehicle.hear()
+    assert application.recv(65535)[0] == 0xFD
+
+
+def test_a_setpoint_is_waited_for_until_it_comes(vehicle, application):
+    steers = bench_loop.dialect.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, 8, 0x407, 0, 0, 0, 5.0, 0, 0, 0, 0, 0, 0, 0
+    )
+    assert bench_sigterm.wait_for(vehicle, lambda setpoint: True, vehicle.now + 0.05) == float("inf")
+    application.send(Voice(1, 191).say(steers))
+    assert bench_sigterm.wait_for(vehicle, lambda setpoint: setpoint.vx == 5.0, vehicle.now + 5.0) <= vehicle.now
+
+
+def test_the_loops_latencies_are_those_of_a_listener_that_answers_each_range(monkeypatch):
+    """A quarter of a second of a flight, heard by the bare loop in a thread."""
+    monkeypatch.setattr(bench_loop, "SETTLING", 0.0)
+    heard = bench_loop.recorded("smooth", 0.5)
+    assert {bench_loop.RANGE, 0} <= {message_id(frame) for _, frame in heard}
+    first = next(time for time, frame in heard if message_id(frame) == bench_loop.RANGE)
+    flight = [(time - first, frame) for time, frame in heard if first <= time < first + 0.25]
+    link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    listener = bench_loop.Listener(bench_loop.BARE, flight, link)
+    threading.Thread(target=bench_loop.bare_loop, args=(listener.port,), daemon=True).start()
+    bench_loop.play([listener])
+    listener.close()
+    assert len(listener.latencies) + listener.missed >= 2
+
+
+def test_the_loops_processor_times_are_printed(monkeypatch, capsys):
+    monkeypatch.setattr(bench_loop, "SETTLING", 3.0)
+    monkeypatch.setattr(bench_loop.Flight, "fly", lambda self, until, fly=bench_loop.Flight.fly: fly(self, 5.0))
+    bench_loop.mission_cpu("smooth")
+    assert "bytes to setpoint: range " in capsys.readouterr().out
+
+
+def test_what_a_flight_on_a_busy_machine_leaves_is_told(tmp_path, capsys):
+    rows = [(0.05 * n, "engaged", 1 + n // 2) for n in range(20)]
+    table = "".join(f"{time:.6f},{phase},{accepted}\n" for time, phase, accepted in rows)
+    (tmp_path / "ticks.csv").write_text("time,phase,accepted\n" + table)
+    late = bench_load.lateness(tmp_path / "ticks.csv")
+    assert len(late) == 10 and max(map(abs, late)) < 0.051
+    bench = bench_load.Bench()
+    bench.setpoints, bench.latencies, bench.errors = [0.0, 0.1, 0.2], [0.001], [1.0, 2.0]
+    bench.memory = [(1.0, 80.0), (2.0, 81.0), (3.0, 82.0)]
+    options = bench_load.argparse.Namespace(seconds=3.0, law="smooth", hogs=1)
+    bench_load.report(options, bench, tmp_path)
+    assert "memory: 82.0 MB, +2.00 MB" in capsys.readouterr().out
+
+
+def test_the_estimators_steps_take_time():
+    assert (bench_estimators.timed(bench_estimators.bank_step(4), 3) > 0).all()
+    assert (bench_estimators.timed(bench_estimators.in_flight(), 30) > 0).all()
+
+
+def test_the_surveys_results_are_a_row_and_a_process_has_its_time():
+    place = bench_locate.Result(error=2.0, gps=1.5, sigma=1.0, nees=1.0, bound=(0.1, 5.0), up=None, speed=0.2)
+    said = bench_locate.row(bench_locate.SITUATIONS[0], [place, None])
+    assert said.startswith(
+        "| one lap, .5 m | 1 of 2 | 2.00 | 2.00 | 0.50 | 0.10, up 5.00 | 1.00 | 100 % (100 % below its top) | 0 | "
+        "1, 0.20"
+    )
+    assert bench_start.processor_time(["-c", "pass"]) > 0

@@ -1,0 +1,258 @@
+"""python -m tests.tools.faults.attacks [--profile P] [--seed N]: what attackers on the link can do, a row each.
+
+F23: strangers who know everything that is said on the link, and speak from an address of their own. Where the address
+itself is forged, too, a row says so: `speaking as` the trusted address, which only signing stops. Each row tells what
+the setpoints did, and what the operator was shown meanwhile. docs/safety.md has the trust model.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable
+from math import hypot
+from typing import Any
+
+from circnav_sim.faults import Impairment
+from circnav_sim.faults.frames import write
+from circnav_sim.faults.intruders import speaking
+from pymavlink.dialects.v20 import all as mavlink
+
+from tests.flight.lockstep import true_radius
+from tests.tools.faults.cell import FRESH, Scenario, Verdict, Want, fly
+from tests.tools.faults.course import Course
+from tests.tools.faults.scenarios.signing import BOTH
+from tests.tools.faults.tampering import acknowledgement
+
+VEHICLE, RADIO, OURS = (1, 1), (1, 192), (1, 191)
+OTHER_MODE = {"arducopter": 5, "arduplane": 12}
+KIND = {"arducopter": 2, "arduplane": 1}
+ESCAPE = b"\x1b]0;PreArm: \x1b[2J\x07\x9b31m"
+"""What would rename a terminal's window, and clear it."""
+LONG = 65_000
+PATIENCE = 45.0
+"""For how long an attack from the start goes on, s: the flight would have begun for long."""
+DRAWN, MOST_DRAWN = 0.03, 0.6
+"""How fast, per second, and how far, of the radius, ranges are drawn away from the truth."""
+
+Say = Callable[[Course, float, int], list[bytes]]
+"""(the flight, now, how many times before) -> datagrams."""
+
+
+def ranges(share: float, ahead: float, ids: tuple[int, int] = RADIO) -> Say:
+    """Of the radio: a share of the circle's, as its sensor would stamp them in so many seconds."""
+
+    def say(course: Course, now: float, n: int) -> list[bytes]:
+        stamp, height = round(1000 * (now + ahead)), course.pilot.settings.height.above_target or 0.0
+        cm = round(100 * hypot(share * course.radius, height))
+        return [write(mavlink.MAVLink_distance_sensor_message(stamp, 1, 65000, cm, 3, 0, 24, 0), *ids, n & 255)]
+
+    return say
+
+
+def drawing(ahead: float, ids: tuple[int, int] = RADIO) -> Say:
+    """Of the radio: near the true ones at first, so that no gate stops them, and less and less true."""
+    began: list[float] = []
+
+    def say(course: Course, now: float, n: int) -> list[bytes]:
+        began[:] = began if n else [now]
+        off = min(DRAWN * (now - began[0]), MOST_DRAWN)
+        return ranges(true_radius(course.vehicle.truth) / course.radius + off, ahead, ids)(course, now, n)
+
+    return say
+
+
+def heartbeat(course: Course, now: float, n: int) -> list[bytes]:
+    """The operator has taken the vehicle, they say."""
+    kind, mode = KIND[course.profile], OTHER_MODE[course.profile]
+    return [write(mavlink.MAVLink_heartbeat_message(kind, 3, 0x81, mode, 4, 3), *VEHICLE, n & 255)]
+
+
+def state(course: Course, now: float, n: int) -> list[bytes]:
+    """The vehicle has started anew, lies on the ground, its battery is empty and it flies sideways, they say."""
+    said = (
+        mavlink.MAVLink_system_time_message(0, 5),
+        mavlink.MAVLink_attitude_message(n, 1.0, 1.0, n % 3, 0, 0, 3.0),
+        mavlink.MAVLink_vfr_hud_message(99.0, 99.0, n % 360, 50, 9000.0, 50.0),
+        mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0),
+        mavlink.MAVLink_extended_sys_state_message(0, 1),
+        mavlink.MAVLink_statustext_message(2, ESCAPE),
+    )
+    return [write(message, *VEHICLE, n & 255) for message in said]
+
+
+def answers(course: Course, now: float, n: int) -> list[bytes]:
+    """To our questions and commands: all denied, and every answer to TIMESYNC quicker than light, or hours late."""
+    asked = [*course.pilot.session.timesync._asked]
+    said = [write(mavlink.MAVLink_timesync_message(1 + n, stamp), *VEHICLE, n & 255) for stamp in asked]
+    return said + [acknowledgement(number, 2, OURS) for number in (176, 511, 512)]
+
+
+def in_our_name(course: Course, now: float, n: int) -> list[bytes]:
+    return [write(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3), *OURS, n & 255)]
+
+
+def whole_vehicle(course: Course, now: float, n: int) -> list[bytes]:
+    """A vehicle with its radio, which answers, too."""
+    mode = course.pilot.session.adapter.guided_mode
+    said = (
+        mavlink.MAVLink_heartbeat_message(KIND[course.profile], 3, 0x81, mode, 4, 3),
+        mavlink.MAVLink_extended_sys_state_message(0, 2),
+        mavlink.MAVLink_vfr_hud_message(15.0, 5.0, 0, 50, 15.0, 0.0),
+        mavlink.MAVLink_attitude_message(round(1000 * now) + 900_000, 0, 0, 1.0, 0, 0, 0),
+    )
+    return [*(write(message, *VEHICLE, n & 255) for message in said), *ranges(1.3, 0.0)(course, now, n)]
+
+
+def twin_of_another_time(course: Course, now: float, n: int) -> list[bytes]:
+    """A vehicle with the ids of ours and in our mode, that has not been on for as long."""
+    mode = course.pilot.session.adapter.guided_mode
+    said = (
+        mavlink.MAVLink_heartbeat_message(KIND[course.profile], 3, 0x81, mode, 4, 3),
+        mavlink.MAVLink_system_time_message(0, round(1000 * (now + 900.0))),
+    )
+    return [write(message, *VEHICLE, n & 255) for message in said]
+
+
+def flood(datagram: bytes) -> Say:
+    return lambda course, now, n: [datagram] * 4
+
+
+def by(say: Say, rate: float, *, until: float | None = None) -> Callable[[Course, int], None]:
+    """Somebody at an address of his own; until: s, after which he is silent."""
+
+    def arrange(course: Course, seed: int) -> None:
+        began = course.now
+        spoken = iter(range(10**9))
+
+        def words(n: int) -> list[bytes]:
+            over = until is not None and course.now - began > until
+            return [] if over else say(course, course.now, next(spoken))
+
+        course.strangers.append(speaking(rate, words))
+
+    return arrange
+
+
+def forged_address(say: Say, rate: float) -> Callable[[Course, int], None]:
+    """Somebody who forges the trusted address itself."""
+
+    def arrange(course: Course, seed: int) -> None:
+        course.link.intruders.append(speaking(rate, lambda n: say(course, course.now, n)))
+
+    return arrange
+
+
+def attack(name: str, arrange: Callable[[Course, int], None], reported: str, **more: Any) -> Scenario:
+    options = {"lasts": 25.0, "after": 5.0, "profiles": ("arducopter", "arduplane"), **more}
+    return Scenario("F23", name, arrange=arrange, reported=reported, **options)
+
+
+def first(name: str, say: Say, reported: str) -> Scenario:
+    """Six seconds before the vehicle, and until the flight would have begun for long."""
+    return attack(name, by(say, 10.0), reported, down=Impairment(outages=((0.0, 6.0),)), **HELD_BACK)
+
+
+def waits(course: Course, until: float = PATIENCE) -> str | None:
+    """Until the attack is over."""
+    early = [time for time in course.steered_at if time < until]
+    return f"{len(early)} setpoints while it was not sure who the vehicle is" if early else None
+
+
+HELD_BACK: dict[str, Any] = {**FRESH, "lasts": PATIENCE, "want": Want.SAFE, "check": waits}
+"""What becomes of an attack that begins before the flight: the vehicle is not engaged while it lasts."""
+
+
+def no_raw_text(course: Course) -> str | None:
+    """What the vehicle said is fit for a terminal."""
+    said = course.pilot.session.texts
+    return None if said and all(map(str.isprintable, said)) else f"texts: {list(said)!r}"
+
+
+def escapes(course: Course, now: float, n: int) -> list[bytes]:
+    return [write(mavlink.MAVLink_statustext_message(2, ESCAPE), *VEHICLE, n & 255)]
+
+
+VEHICLES, RADIOS, OUR = "the vehicle has a second", "the ranging radio has a second", "circnav has a second"
+BEAT = write(mavlink.MAVLink_heartbeat_message(2, 3, 129, 4, 4, 3), 9, 1)
+STRANGE = bytes((0xFD, 255, 0, 0, 1, 9, 9, 0x31, 0xD4, 0)) + b"\xfd\x20\x00" * 85 + b"\x12\x34"
+ATTACKS = [
+    *(
+        attack(f"ranges of the radio, {1000 * ahead:.0f} ms ahead", by(drawing(ahead), 20.0), RADIOS)
+        for ahead in (0.04, 0.4)
+    ),
+    attack("ranges of another radio", by(drawing(0.1, (1, 193)), 20.0), RADIOS),
+    attack("mode of the vehicle", by(heartbeat, 4.0), VEHICLES),
+    attack("reboot, battery, attitude of the vehicle", by(state, 10.0), VEHICLES),
+    attack("answers of the vehicle", by(answers, 20.0), VEHICLES),
+    attack("frames in our name", by(in_our_name, 10.0), OUR),
+    attack(
+        "frames in the vehicle's name after a silence",
+        by(twin_of_another_time, 4.0),
+        "rebooted",
+        want=Want.END,
+        down=Impairment(outages=((0.0, 20.0),)),
+    ),
+    first("the vehicle and its radio, six seconds early", whole_vehicle, VEHICLES),
+    attack(
+        "ranges before the radio's first, until 20 s",
+        by(ranges(1.3, 0.1), 10.0, until=20.0),
+        RADIOS,
+        **{**HELD_BACK, "want": Want.ENGAGE, "check": lambda course: waits(course, until=20.0)},
+    ),
+    attack("refusals of the mode, from the start", by(answers, 20.0), VEHICLES, **HELD_BACK),
+    *(
+        attack(f"flood of {name}, {len(data) * 200 / 1e6:.1f} MB/s", by(flood(data), 50.0), "FLOOD")
+        for name, data in (
+            ("0xFD", b"\xfd" * LONG),
+            ("false starts", b"\xfd\x00\x00" * (LONG // 3)),
+            ("heartbeats of a stranger", BEAT * 300),
+            ("unknown ids", STRANGE * 30),
+        )
+    ),
+    attack("ESC in the vehicle's own texts", forged_address(escapes, 5.0), "PreArm", check=no_raw_text),
+    attack("ranges 400 ms ahead, address forged", forged_address(drawing(0.4), 20.0), "SENSOR CLOCK", want=Want.SAFE),
+    *(
+        attack(f"{name}, address forged, link signed", forged_address(say, 10.0), "unsigned frames", keys=BOTH)
+        for name, say in (
+            ("ranges of the radio", drawing(0.1)),
+            ("mode of the vehicle", heartbeat),
+            ("reboot, battery, attitude of the vehicle", state),
+            ("frames in our name", in_our_name),
+        )
+    ),
+]
+HEAD = "| attack | setpoints | shown to the operator | result |\n|---|---|---|---|"
+
+
+def row(verdict: Verdict) -> str:
+    """An attack as a line of the table."""
+    scenario = verdict.scenario
+    if verdict.outcome:
+        did = f"end: {verdict.outcome}"
+    elif not verdict.engaged:
+        did = "none: not engaged"
+    elif scenario.fresh:
+        did = "none before it was over, then engaged"
+    else:
+        did = f"hold the circle, RMS {100 * verdict.rms:.1f} %"
+    shown = next((line for line in verdict.reported if scenario.reported in line), "-") if scenario.reported else "-"
+    result = "safe, reported" if verdict.passed else f"**FAIL** {'; '.join(verdict.faults)}"
+    return f"| {scenario.level} | {did} | {shown} | {result} |"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.tools.faults.attacks", description="Flies the attack table.")
+    parser.add_argument("--profile", choices=("arducopter", "arduplane"), default="arducopter")
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args(arguments)
+    print(HEAD)
+    failed = 0
+    for scenario in ATTACKS:
+        verdict = fly(scenario, options.profile, options.seed)
+        print(row(verdict), flush=True)
+        failed += not verdict.passed
+    print(f"{len(ATTACKS)} attacks, {failed} failed, {options.profile}, seed {options.seed}")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,252 @@
+"""A cell of the matrix: one fault at one level on one vehicle; how it is flown and what counts as passed."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from math import inf, sqrt
+from typing import Any
+
+from circnav_sim.faults import CLEAN, Impairment
+
+from circnav_mav.pilot import Ending
+from circnav_mav.runtime.status import Watch
+from tests.tools.faults.course import BAND, Course, Keys, on_the_circle
+
+LAW = "smooth"
+"""The law of the quick set: the cheapest to compute."""
+REGAIN_WITHIN = {"px4_copter": 60.0}
+"""Time to regain the circle, s, 30 if not said here, besides the straight way back to it from where the autopilot's own
+timeout has put the vehicle: a plane loiters round the point where GUIDED was entered. One turn of the PX4 copter takes
+63 s."""
+FRESH_PATIENCE = 150.0
+LAST = 10.0
+"""Time at the end, s, whose sense of rotation counts: a mirror circle has the right radius."""
+LEAVE_WITHIN = 13.0
+"""Time, s, in which the exit action must show, or we fall silent without it."""
+
+
+class Want(Enum):
+    """What a vehicle shall do about a fault; the rules for setpoints hold in any case."""
+
+    HOLD = "holds the circle"
+    REGAIN = "regains the circle"
+    END = "ends the mission"
+    ENGAGE = "engages"
+    REFUSE = "does not engage"
+    SAFE = "breaks no rule"
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One fault at one level.
+
+    up, down: what is wrong with the line. arrange: what else goes wrong, at the start of the fault; its own `random`
+    comes from the seed. lasts, after: time with the fault, and watched after it, s. reason: words that the outcome
+    must hold. rejects: reasons that must be counted. blind: age of ranges, s, that nobody can tell. clocks: whether
+    stamps are tampered with, so that they tell no age. fresh: from the start of the mission, not from the circle.
+    on: other wants by profile. keys: to sign with, ours and the vehicle's. reported: words that the operator must be
+    shown while the fault lasts.
+    """
+
+    fault: str
+    level: str
+    up: Impairment = CLEAN
+    down: Impairment = CLEAN
+    arrange: Callable[[Course, int], None] | None = None
+    lasts: float = 60.0
+    after: float = 40.0
+    want: Want = Want.HOLD
+    reason: str = ""
+    rejects: tuple[str, ...] = ()
+    blind: float = 0.0
+    clocks: bool = False
+    fresh: bool = False
+    stream: bool = False
+    overrides: tuple[str, ...] = ()
+    quick: bool = False
+    on: Mapping[str, Want] = field(default_factory=dict)
+    check: Callable[[Course], str | None] | None = None
+    profiles: tuple[str, ...] = ()
+    keys: Keys = (None, None)
+    reported: str = ""
+
+
+FRESH: dict[str, Any] = {"fresh": True, "lasts": FRESH_PATIENCE, "after": 0.0}
+"""Of a scenario that is about how a flight begins."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What came of a cell."""
+
+    scenario: Scenario
+    profile: str
+    seed: int
+    faults: tuple[str, ...]
+    rms: float
+    worst_age: float
+    to_safe: float | None
+    recovery: float | None
+    rejects: Mapping[str, int]
+    outcome: str
+    engaged: bool
+    reported: tuple[str, ...]
+
+    @property
+    def passed(self) -> bool:
+        return not self.faults
+
+
+def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
+    """Fly a cell by one of the laws and judge it."""
+    overrides = (f'guidance.law="{law}"', *scenario.overrides)
+    make = Course if scenario.fresh else on_the_circle
+    course = make(profile, overrides, stream=scenario.stream, keys=scenario.keys)
+    start = course.now
+    before = dict(course.pilot.tracker.ranging.rejected)
+    backward = course.spy.backward
+    _begin(course, scenario, seed)
+    end = start + scenario.lasts
+    told = Told(course)
+    course.fly(end, told.look if scenario.reported else None)
+    _finish(course)
+    last = course.errors(start, end)[-1:]
+    course.way_home = abs(last[0][1]) * course.radius / course.allowed.speed if last else 0.0
+    course.fly(end + max(scenario.after, REGAIN_WITHIN.get(profile, 0.0) + 10))
+    rejected = {name: n - before.get(name, 0) for name, n in course.pilot.tracker.ranging.rejected.items()}
+    rejected = {name: n for name, n in rejected.items() if n}
+    errors = course.errors(start, end)
+    rms = sqrt(sum(e * e for _, e in errors) / len(errors)) if errors else inf
+    recovery = _recovery(course, end)
+    found_wanting = _want_faults(course, scenario, rms, recovery)
+    outcome, to_safe = course.pilot.mission.outcome, _to_safe(course, start)
+    _part(course)
+    faults = [*course.broken[:3], *_age_faults(course, scenario), *found_wanting]
+    if course.spy.backward > backward and not scenario.clocks:
+        faults.append(f"{course.spy.backward - backward} samples fused twice or backwards")
+    if scenario.reported not in (shown := "\n".join(told.lines)):
+        faults.append(f"the operator was not told of {scenario.reported!r} but of {shown!r}")
+    faults += [f"no reject counted as {name}" for name in scenario.rejects if not rejected.get(name)]
+    if scenario.check is not None and (found := scenario.check(course)) is not None:
+        faults.append(found)
+    return Verdict(
+        scenario,
+        profile,
+        seed,
+        tuple(faults),
+        rms,
+        course.worst_told_age if scenario.clocks else course.worst_age,
+        to_safe,
+        recovery,
+        rejected,
+        outcome.reason if outcome else "",
+        course.pilot.mission.engaged_at is not None,
+        tuple(told.lines),
+    )
+
+
+class Told:
+    """What the operator is shown: alarms, what is waited for, and how it ended."""
+
+    def __init__(self, course: Course) -> None:
+        self._watch, self._next = Watch(course.pilot), course.now
+        self.lines: dict[str, None] = {}
+
+    def look(self, course: Course) -> None:
+        """Twice a second, and at the end."""
+        if course.ticks and (course.now >= self._next or course.pilot.done):
+            self._next = course.now + 0.5
+            status = self._watch.status(course.ticks[-1], course.now)
+            refused = (f"{why} frames refused" for why in course.pilot.frames_refused())
+            says = (f'the vehicle says "{text}"' for text in course.pilot.session.texts)
+            self.lines |= dict.fromkeys(line for line in (*status.alarms, status.waits, *refused, *says) if line)
+
+
+def _begin(course: Course, scenario: Scenario, seed: int) -> None:
+    since = course.now
+    up, down = (_shifted(one, since) for one in (scenario.up, scenario.down))
+    link = type(course.link)(up=up, down=down, seed=seed)
+    course.link = link
+    if scenario.arrange is not None:
+        scenario.arrange(course, seed)
+
+
+def _finish(course: Course) -> None:
+    """The fault is over; what is under way still arrives."""
+    course.link.impair()
+    course.link.tampers.clear()
+    course.link.intruders.clear()
+    course.strangers.clear()
+
+
+def _part(course: Course) -> None:
+    """Every cell that still flies ends with a stall and then with a signal, and must do right by both."""
+    if course.pilot.done:
+        return
+    course.stall(1.0)
+    course.fly(course.now + 2.5)
+    course.interrupt()
+    course.fly(course.now + LEAVE_WITHIN)
+    if not course.pilot.done:
+        course.broken.append(f"still {course.pilot.mission.phase.value} {LEAVE_WITHIN:g} s after the signal")
+
+
+def _shifted(impairment: Impairment, by: float) -> Impairment:
+    """Outages counted from the start of the fault."""
+    return replace(impairment, outages=tuple((since + by, until + by) for since, until in impairment.outages))
+
+
+def _recovery(course: Course, end: float) -> float | None:
+    """Time after the fault until the radius error stays within the band; None when it does not."""
+    late = course.errors(end, inf)
+    outside = [time for time, error in late if abs(error) > BAND]
+    if not late or (outside and outside[-1] >= late[-1][0] - 1.0):
+        return None
+    return outside[-1] - end if outside else 0.0
+
+
+def _to_safe(course: Course, start: float) -> float | None:
+    """Time from the start of the fault to the safe setpoint, or to the last steering one when none was allowed."""
+    outcome = course.pilot.mission.outcome
+    if outcome is None or outcome.ending is not Ending.ABORTED:
+        return None
+    if course.safe_at is not None:
+        return course.safe_at - start
+    return course.steered_at[-1] - start if course.steered_at else 0.0
+
+
+def _age_faults(course: Course, scenario: Scenario) -> list[str]:
+    stale = course.pilot.settings.timing.stale
+    faults = []
+    if course.worst_told_age > stale + 1e-6:
+        faults.append(f"steered by a range {course.worst_told_age:.2f} s old, bound {stale:g} s")
+    down = scenario.down
+    bound = stale + scenario.blind + down.delay + down.jitter + 1e-3
+    if not scenario.clocks and course.worst_age > bound:
+        faults.append(f"steered by a range truly {course.worst_age:.2f} s old, bound {bound:.2f} s")
+    return faults
+
+
+def _want_faults(course: Course, scenario: Scenario, rms: float, recovery: float | None) -> list[str]:
+    want = scenario.on.get(course.profile, scenario.want)
+    outcome = course.pilot.mission.outcome
+    if outcome is not None and want in (Want.HOLD, Want.REGAIN, Want.END) and course.timed_out:
+        return []
+    if want is Want.HOLD and not (outcome is None and rms < BAND):
+        return [f"circle not held: RMS {100 * rms:.1f} %, {outcome.reason if outcome else 'flying'}"]
+    allowed = REGAIN_WITHIN.get(course.profile, 30.0) + course.way_home
+    if want in (Want.HOLD, Want.REGAIN) and (outcome is not None or recovery is None or recovery > allowed):
+        took = "not" if recovery is None else f"in {recovery:.0f} s"
+        return [f"circle regained {took}, {outcome.reason if outcome else 'flying'}"]
+    if want in (Want.HOLD, Want.REGAIN) and not course.goes_round_as_wanted(LAST):
+        return ["the circle is flown the wrong way round"]
+    if want is Want.END and (outcome is None or scenario.reason not in outcome.reason):
+        return [f"should have ended with {scenario.reason!r}: {outcome.reason if outcome else 'still flying'}"]
+    if want is Want.ENGAGE and course.pilot.mission.engaged_at is None:
+        return [f"did not engage: {outcome.reason if outcome else course.pilot.mission.phase.value}"]
+    if want is Want.REFUSE and course.pilot.mission.engaged_at is not None:
+        return ["engaged all the same"]
+    if want is Want.REFUSE and scenario.reason and (outcome is None or scenario.reason not in outcome.reason):
+        said = outcome.reason if outcome else course.pilot.mission.phase.value
+        return [f"should have said {scenario.reason!r}: {said}"]
+    return []

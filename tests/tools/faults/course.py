@@ -1,0 +1,314 @@
+"""A flight in lockstep over a broken link, watched: every setpoint that leaves is read and judged here."""
+
+import copy
+import tempfile
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+from math import hypot, isfinite, nan
+from pathlib import Path
+from typing import Any
+
+from circnav_sim.config import parse_vehicle
+from circnav_sim.faults import DOWN, UP, FaultLink
+from circnav_sim.faults.frames import frames
+from circnav_sim.faults.link import Intruder
+from circnav_sim.vehicle import MAIN, Truth, Vehicle
+from circnav_sim.vehicle import RANGING as RADIO
+
+from circnav_mav.guidance.types import Direction, RangeSample
+from circnav_mav.mav.signing import Signing
+from circnav_mav.mission.load import load_mission
+from circnav_mav.pilot import RANGING, VEHICLE, Pilot, TickRecord
+from circnav_mav.pilot.mission_state import STEERING, Phase
+from tests.flight.lockstep import CONFIG, UNIX, clockwise_turns, true_radius
+from tests.tools.faults.judge import GUIDED, Allowed, Witness, broken_rule, is_heartbeat, is_safe, is_setpoint
+
+PATIENT = ("limits.hold_s=70.0", "limits.outage_s=70.0", "limits.duration_s=100000.0")
+BAND = 0.05
+"""Radius error, of the radius, within which the circle counts as held."""
+SETTLED, STEADY, LATEST = 110.0, 30.0, 400.0
+SOURCE, STRANGER = "sim", ("10.9.9.9", 6666)
+TRUTH_EVERY = 0.1
+PX4_PATIENCE = {"px4_copter": 1.0, "px4_plane": 0.5, "px4_plane_attitude": 1.0}
+"""COM_OF_LOSS_T of OFFBOARD, COM_RC_LOSS_T of the sticks, s."""
+
+Arrival = tuple[bytes, str, Hashable]
+"""A datagram, the link that it comes on, and its sender's address."""
+Keys = tuple[bytes | None, bytes | None]
+"""The signing keys of the application and of the vehicle."""
+
+
+class Spy:
+    """Stands before the estimator and notes what is taken in: each sample once, none older than the last."""
+
+    def __init__(self, estimator: Any) -> None:
+        self._estimator = estimator
+        self.newest: RangeSample | None = None
+        self.backward = 0
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__") or name == "_estimator":
+            raise AttributeError(name)
+        return getattr(self._estimator, name)
+
+    def reset(self) -> None:
+        self.newest = None
+        self._estimator.reset()
+
+    def restamp(self) -> None:
+        self.newest = None
+        self._estimator.restamp()
+
+    def observe(self, sample: RangeSample) -> Any:
+        if self.newest is not None and sample.stamp <= self.newest.stamp:
+            self.backward += 1
+        self.newest = sample
+        return self._estimator.observe(sample)
+
+
+class Course:
+    """A pilot and a vehicle with a fault link between them, and what was seen."""
+
+    def __init__(
+        self, profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False, keys: Keys = (None, None)
+    ) -> None:
+        mission = load_mission(CONFIG / f"{profile}.toml", (*PATIENT, *overrides))
+        assert mission.file.sim is not None
+        settings = mission.pilot_settings()
+        if stream:
+            settings = replace(settings, stream_links=frozenset({VEHICLE}))
+        self.stream = stream
+        self.profile = profile
+        self.signing = Signing(keys[0]) if keys[0] is not None else None
+        self.pilot = Pilot(settings, self.signing)
+        self.vehicle = _vehicle(mission.file.sim, profile, keys[1])
+        self.wall: float = UNIX
+        self.vehicle_wall: float | None = UNIX
+        self.allowed = Allowed.of(settings)
+        self.link = FaultLink()
+        self.spy = Spy(self.pilot.tracker.estimator)
+        self.pilot.tracker.estimator = self.spy  # type: ignore[assignment]
+        self.witness = Witness(profile, keys[0])
+        self.source = SOURCE
+        self.strangers: list[Intruder] = []
+        """Those who speak to the application from an address of their own, and before the vehicle does."""
+        self.way_home = 0.0
+        self._drift: float | None = None
+        self.clock: Callable[[float], float] = float
+        self.now = 0.0
+        self.forget()
+
+    @property
+    def radius(self) -> float:
+        return self.pilot.settings.orbit.radius
+
+    def forget(self) -> None:
+        """Start the account anew."""
+        self.truths: list[Truth] = []
+        self.ticks: list[TickRecord] = []
+        self.broken: list[str] = []
+        self.worst_age = 0.0
+        self.worst_told_age = 0.0
+        self.steered_at: list[float] = []
+        self.safe_at: float | None = None
+        self._next_truth = self.now
+
+    def fly(self, until: float, watch: Callable[["Course"], None] | None = None) -> "Course":
+        """Run to a time, or until the pilot is done."""
+        while self.now < until and not self.pilot.done:
+            tick = max(self.pilot.scheduler.due - (self.clock(self.now) - self.now), self.now)
+            self._step(min(self.vehicle.next_event, tick, self.link.next_due, until))
+            if watch is not None:
+                watch(self)
+        return self
+
+    def stall(self, seconds: float, *, lost: bool = False) -> None:
+        """The application does not run for some time; what came in waits in its socket, or is lost; then it runs
+        again."""
+        until = self.now + seconds
+        waiting: list[Arrival] = []
+        while self.now < until:
+            self.now = min(max(self.vehicle.next_event, self.now), until)
+            self.vehicle.advance(self.now)
+            arrived = self._arrivals()
+            waiting += [] if lost else arrived
+            self._look()
+        self.stood_still(seconds)
+        self._give(waiting, waited=True)
+        if sum(map(is_heartbeat, frames(self._answer()))) > 1:
+            self.broken.append(f"{self.now:.2f} s: heartbeats made up for after standing still")
+
+    def stood_still(self, seconds: float) -> None:
+        """From a second on, the vehicle may be in other hands."""
+        if seconds >= 1.0:
+            self.witness.stood_still()
+
+    def interrupt(self) -> None:
+        """A signal ends the flight: the very next words are the safe setpoint, where the vehicle is ours to steer."""
+        pilot = self.pilot
+        steering = pilot.mission.phase in STEERING and pilot.session.vehicle.in_our_mode and not self.witness.unproved
+        pilot.interrupt(self.clock(self.now), "SIGTERM")
+        out = self._answer()
+        if steering and not any(is_safe(frame) for frame in frames(out) if is_setpoint(frame)):
+            self.broken.append(f"{self.now:.2f} s: no safe setpoint at once after the signal")
+
+    def _step(self, due: float) -> None:
+        self.now = max(due, self.now)
+        if self.signing is not None:
+            self.signing.advance(self.wall + self.now)
+        if self.vehicle_wall is not None:
+            self.vehicle.tell_time(self.vehicle_wall + self.now)
+        self.vehicle.advance(self.now)
+        self._give(self._arrivals())
+        self._answer()
+        self._look()
+
+    def _give(self, arrived: list[Arrival], *, waited: bool = False) -> None:
+        for data, link, source in arrived:
+            self.pilot.receive(data, self.clock(self.now), source, link)
+            if source == self.source and self.pilot.session.reply_to in (None, source):  # else setpoints go elsewhere
+                self.witness.hear(data, waited=waited)
+
+    def _arrivals(self) -> list[Arrival]:
+        """What reaches the application now; intruders speak to the vehicle as well."""
+        arrived: list[Arrival] = [
+            (data, VEHICLE, STRANGER) for stranger in self.strangers for _, data in stranger(self.now)
+        ]
+        for frame in self.vehicle.outgoing(MAIN):
+            self.link.push(DOWN, frame, self.now)
+        arrived += [(data, VEHICLE, self.source) for data in self.link.take(DOWN, self.now)]
+        for way, data in self.link.intrusions(self.now):
+            if way == DOWN:
+                arrived.append((data, VEHICLE, self.source))
+            else:
+                self.vehicle.receive(data)
+        if self.pilot.settings.ranging_apart:
+            arrived += [(frame, RANGING, self.source) for frame in self.vehicle.outgoing(RADIO)]
+        return arrived
+
+    def _answer(self) -> bytes:
+        pilot = self.pilot
+        out = pilot.step(self.clock(self.now))
+        pilot.take_frames()
+        records = pilot.take_records()
+        self.ticks += records
+        self._judge(out, records)
+        for data in frames(out) if self.link.tampers else (out,) if out else ():
+            self.link.push(UP, data, self.now)
+        for data in self.link.take(UP, self.now):
+            self.vehicle.receive(data, stream=self.stream)
+        return out
+
+    def _judge(self, out: bytes, records: list[TickRecord]) -> None:
+        """Every rule that holds in every cell."""
+        for frame in filter(is_setpoint, frames(out)):
+            rule = broken_rule(frame, self.allowed)
+            if rule is not None:
+                self.broken.append(f"{self.now:.2f} s: {rule}")
+            if self.pilot.mission.outcome is not None and not is_safe(frame):
+                self.broken.append(f"{self.now:.2f} s: steered after the end: {self.pilot.mission.outcome.reason}")
+            self._judge_time()
+        for record in records:
+            if record.drift_x is not None and record.drift_y is not None:
+                self._drift = hypot(record.drift_x, record.drift_y)
+            if record.phase is Phase.ENGAGED and record.yaw_rate_sent is not None:
+                self._judge_age(record)
+            elif record.yaw_rate_sent is not None:
+                self._judge_holding(record)
+
+    def _judge_time(self) -> None:
+        pilot, session = self.pilot, self.pilot.session
+        before = pilot.mission.phase is Phase.READY and session.adapter.wants_setpoints_in(session.vehicle.mode)
+        if not session.vehicle.in_our_mode and not before:
+            mode = session.vehicle.mode_name
+            self.broken.append(f"{self.now:.2f} s: setpoint while {mode}, {pilot.mission.phase.value}")
+        if self.witness.taken or self.witness.unproved:
+            seen = "the operator's mode was seen" if self.witness.taken else "standing still, no heartbeat since"
+            self.broken.append(f"{self.now:.2f} s: setpoint after {seen}")
+        if pilot.mission.phase in STEERING:
+            self.steered_at.append(self.now)
+        elif not before and self.safe_at is None:
+            self.safe_at = self.now
+
+    def _judge_age(self, record: TickRecord) -> None:
+        age = record.range_age
+        if age is None or self.spy.newest is None or not isfinite(age):
+            self.broken.append(f"{self.now:.2f} s: steered without a range")
+            return
+        self.worst_told_age = max(self.worst_told_age, age)
+        self.worst_age = max(self.worst_age, self.now - self.spy.newest.stamp)
+
+    def _judge_holding(self, record: TickRecord) -> None:
+        """Without a range it is the circle's own turn rate, which depends on none: V/r_d, and in a drift that is known
+        what the circle asks for somewhere, give or take a tenth for the airspeed as measured. V: as told, and where the
+        vehicle is known to drift, as it really flies, too (PX4's copter loses 8 % of its speed in the turn)."""
+        V, drift, slack = self.allowed.speed, 0.0, 1e-6
+        slow = fast = V
+        if self._drift is not None:
+            drift, slack = self._drift, 0.1 * V / self.radius
+            slow, fast = sorted((V, max(self.vehicle.truth.ground_speed, 0.5 * V)))
+        least, most = (slow - drift) ** 2 / (slow * self.radius), (fast + drift) ** 2 / (fast * self.radius)
+        asked = self.pilot.settings.orbit.direction.turn_sign * (nan if record.demanded is None else record.demanded)
+        if not min(least, self.allowed.yaw_rate) - slack <= asked <= min(most, self.allowed.yaw_rate) + slack:
+            self.broken.append(
+                f"{self.now:.2f} s: {record.phase.value} steers {asked}, not {least:.6f} .. {most:.6f} rad/s"
+            )
+
+    def _look(self) -> None:
+        if self.now >= self._next_truth:
+            self.truths.append(self.vehicle.truth)
+            self._next_truth = self.now + TRUTH_EVERY
+
+    @property
+    def timed_out(self) -> bool:
+        """Whether PX4 left our mode by itself, because no setpoint had reached it for so long; that ends the mission
+        like a takeover."""
+        patience = PX4_PATIENCE.get(self.profile)
+        left = next((truth.time for truth in self.truths if truth.mode != GUIDED[self.profile]), None)
+        if patience is None or left is None:
+            return False
+        heard = [time for time, _ in self.vehicle.setpoint_log if left - 5 < time < left]
+        return max(b - a for a, b in pairwise([left - 5, *heard, left])) > patience - TRUTH_EVERY
+
+    def errors(self, since: float, until: float) -> list[tuple[float, float]]:
+        """(time, radius error as a fraction of the radius) between two times."""
+        return [
+            (truth.time, true_radius(truth) / self.radius - 1) for truth in self.truths if since <= truth.time <= until
+        ]
+
+    def goes_round_as_wanted(self, seconds: float) -> bool:
+        """Whether the track of the last seconds goes round the target in the mission's sense."""
+        turns = clockwise_turns([truth for truth in self.truths if truth.time >= self.now - seconds])
+        return turns > 0 if self.pilot.settings.orbit.direction is Direction.CLOCKWISE else turns < 0
+
+
+@cache
+def settled(
+    profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False, keys: Keys = (None, None)
+) -> Course:
+    """A flight that has found its circle over a good link and kept to it for a while; copy it before use."""
+    course = Course(profile, overrides, stream=stream, keys=keys).fly(SETTLED)
+    while max(abs(error) for _, error in course.errors(course.now - STEADY, course.now)) > BAND / 2:
+        course.fly(course.now + STEADY)
+        assert course.now < LATEST, f"{profile}: no steady circle"
+    assert course.pilot.mission.phase is Phase.ENGAGED, course.pilot.mission.outcome
+    course.forget()
+    return course
+
+
+def on_the_circle(
+    profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False, keys: Keys = (None, None)
+) -> Course:
+    """A flight of one's own that has found its circle."""
+    return copy.deepcopy(settled(profile, overrides, stream=stream, keys=keys))
+
+
+def _vehicle(table: Mapping[str, Any], profile: str, key: bytes | None) -> Vehicle:
+    if key is None:
+        return Vehicle(parse_vehicle(table, profile))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "vehicle.key"
+        path.write_bytes(key)
+        return Vehicle(parse_vehicle({**table, "signing": {"key_file": str(path)}}, profile))

@@ -1,0 +1,281 @@
+"""python -m tests.tools.faults.fuzz --frames N --seed S [--what mutated|valid|flood|all]:
+
+hostile bytes for an engaged pilot.
+
+Between the hostile frames a good vehicle keeps talking, so that the pilot flies. Nothing may escape from `receive` or
+`step`, no setpoint may leave that is not finite and within the limits, and memory must not grow.
+"""
+
+import argparse
+import struct
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from random import Random
+
+from circnav_sim.faults.frames import frames, raw_frame, write
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.mav.session import HANDLED
+from circnav_mav.mission.load import load_mission
+from circnav_mav.pilot import RANGING, VEHICLE, Pilot
+from circnav_mav.pilot.mission_state import Phase
+from tests.flight.lockstep import CONFIG
+from tests.rig import beacon, distance
+from tests.tools.faults.judge import Allowed, broken_rule, is_setpoint
+
+RANGING_IDS = {"distance_sensor": 132, "named_value_float": 251, "ranging_beacon": 513}
+IDS = sorted(HANDLED | set(RANGING_IDS.values()) | {22})
+PROFILES = {"arducopter": (3, 2, 4), "arduplane": (3, 1, 15), "px4_copter": (12, 2, 6 << 16), "px4_plane": (12, 1, 0)}
+"""Autopilot, vehicle type and guided mode of each vehicle's heartbeat; 0: as its adapter says."""
+STATE = (0, 2, 30)
+"""Empty ones of these would be a takeover or a reboot, again and again: those come from `valid`."""
+FRAME_TIME = 0.002
+GOOD_EVERY = 25
+ODD = tuple(map(bytes.fromhex, ["00", "ff", "7f800000", "0000c07f", "0000807f", "000080ff", "ffff"]))
+"""Zeros and ones, and a float's infinities and what is none, in either order of its bytes."""
+VEHICLE_IDS, RADIO_IDS, OUR_IDS = (1, 1), (1, 192), (1, 191)
+WARM_UP = 20_000
+PATIENCE = 20
+FRESH = 500
+"""Frames after which the corpus is recorded anew: old boot times would look like a reboot."""
+
+Hostile = Callable[[Random, list[bytes]], bytes]
+
+
+class Target:
+    """A pilot that is kept flying by a good vehicle made of a few frames."""
+
+    def __init__(self, profile: str, ranging: str) -> None:
+        self.profile, self.ranging = profile, ranging
+        overrides = [f'ranging.message="{ranging}"', 'engage.on_takeover="wait"', "limits.duration_s=1e9"]
+        overrides += ["limits.hold_s=1e6", "limits.outage_s=1e6", "link.wait_s=1e6"]
+        if ranging == "ranging_beacon":
+            overrides += ['ranging.endpoint="udpin:127.0.0.1:14560"', "ranging.max_range_m=2000.0"]
+        self.settings = load_mission(CONFIG / f"{profile}.toml", overrides).pilot_settings()
+        self.allowed = Allowed.of(self.settings)
+        self.now = 0.0
+        self.broken: list[str] = []
+        self.counts: Counter[str] = Counter()
+        self.slowest = 0.0
+        self.start()
+
+    def start(self) -> None:
+        """A new pilot, brought onto its circle."""
+        self.pilot = Pilot(self.settings)
+        self._idle = 0
+        for _ in range(200):
+            self.now += FRAME_TIME * GOOD_EVERY
+            self.good()
+            self.step()
+        self.counts["pilots"] += 1
+
+    def good(self) -> list[bytes]:
+        """What the good vehicle says now."""
+        autopilot, kind, mode = PROFILES[self.profile]
+        ms = int(self.now * 1000) & 0xFFFFFFFF
+        adapter = self.pilot.session.adapter
+        mode = adapter.guided_mode or mode
+        self._idle = 0 if self.pilot.mission.phase is Phase.ENGAGED else self._idle + 1
+        if self._idle % PATIENCE in (PATIENCE - 2, PATIENCE - 1):  # the operator takes it and gives it back
+            mode = adapter.exits["loiter"]
+        said = [
+            write(mavlink.MAVLink_heartbeat_message(kind, autopilot, 129, mode, 4, 3), *VEHICLE_IDS),
+            write(mavlink.MAVLink_attitude_message(ms, 0.1, 0.0, self.now % 3.0, 0, 0, 0.2), *VEHICLE_IDS),
+            write(mavlink.MAVLink_vfr_hud_message(20.0, 20.0, 90, 50, 60.0, 0.0), *VEHICLE_IDS),
+        ]
+        for frame in said:
+            self.pilot.receive(frame, self.now, "sim")
+        apart = self.settings.ranging_apart
+        measured = self._measured(ms)
+        self.pilot.receive(measured, self.now, "sim", RANGING if apart else VEHICLE)
+        return [*said, measured]
+
+    def hear(self, data: bytes) -> None:
+        """One hostile datagram."""
+        self.now += FRAME_TIME
+        self.pilot.receive(data, self.now, "sim")
+        if self.settings.ranging_apart:
+            self.pilot.receive(data, self.now, "sim", RANGING)
+        self.pilot.take_frames()
+
+    def step(self) -> None:
+        """One step of the pilot, its output judged."""
+        began = time.perf_counter()
+        out = self.pilot.step(self.now)
+        self.slowest = max(self.slowest, time.perf_counter() - began)
+        self.pilot.take_records()
+        self.counts["engaged steps"] += self.pilot.mission.phase is Phase.ENGAGED
+        for frame in filter(is_setpoint, frames(out)):
+            self.counts["setpoints"] += 1
+            rule = broken_rule(frame, self.allowed)
+            if rule is not None:
+                self.broken.append(f"{self.profile}: {rule}")
+        if self.pilot.done:
+            outcome = self.pilot.mission.outcome
+            self.counts[f"ended: {outcome.reason[:40] if outcome else ''}"] += 1
+            if outcome is not None and "internal error" in outcome.reason:
+                self.broken.append(f"{self.profile}: {outcome.reason}")
+            self.start()
+
+    def _measured(self, ms: int) -> bytes:
+        r = self.settings.orbit.radius + 1.0
+        if height := self.settings.height.above_target:
+            r = (r * r + height**2) ** 0.5
+        if self.ranging == "distance_sensor":
+            message = distance(int(r * 100), ms, orientation=self.settings.ranging.orientation or 24)
+        elif self.ranging == "named_value_float":
+            message = mavlink.MAVLink_named_value_float_message(ms, b"RANGE", r)
+        else:
+            message = beacon(int(r * 1000), ms * 1000, ms // 50 & 255, beacon_id=self.settings.ranging.beacon_id)
+        return write(message, *RADIO_IDS)
+
+
+def mutated(chance: Random, corpus: list[bytes]) -> bytes:
+    """A good frame with flipped, lost, doubled or foreign bytes; now and then two of them spliced."""
+    data = bytearray(chance.choice(corpus))
+    for _ in range(chance.randint(1, 4)):
+        kind, at = chance.randrange(6), chance.randrange(len(data) or 1)
+        if not data:
+            break
+        if kind == 0:
+            data[at] ^= 1 << chance.randrange(8)
+        elif kind == 1:
+            data[at] = chance.randrange(256)
+        elif kind == 2:
+            del data[at : at + chance.randint(1, 8)]
+        elif kind == 3:
+            data[at:at] = chance.choice(ODD)
+        elif kind == 4:
+            data += chance.choice(corpus)[: chance.randrange(40)]
+        else:
+            data[at : at + 4] = chance.choice(ODD)
+    return bytes(data)
+
+
+def valid(chance: Random, corpus: list[bytes]) -> bytes:
+    """A frame with a right CRC and any payload, of a message that is handled, in the vehicle's or anybody's name."""
+    number = chance.choice(IDS)
+    size = mavlink.mavlink_map[number].unpacker.size
+    length = size if chance.random() < 0.7 else chance.randrange(256)
+    payload = bytearray(chance.randbytes(length))
+    for _ in range(chance.randrange(4)):
+        at, odd = chance.randrange(length + 1) & ~3, chance.choice(ODD)
+        payload[at : at + len(odd)] = odd
+    if number in (132, 251, 513) and chance.random() < 0.5 and length == size:
+        _plausible(number, payload, chance)
+    ids = chance.choice((VEHICLE_IDS, VEHICLE_IDS, RADIO_IDS, OUR_IDS, (chance.randrange(256), chance.randrange(256))))
+    if ids == OUR_IDS and chance.random() < 0.98:
+        ids = VEHICLE_IDS  # a twin ends the flight at once
+    return raw_frame(number, bytes(payload[:255]), *ids, chance.randrange(256))
+
+
+def _plausible(number: int, payload: bytearray, chance: Random) -> None:
+    """Filters of the mission that a random payload would never pass: name, beacon, orientation."""
+    if number == 251:
+        payload[8:18] = b"RANGE".ljust(10, b"\0")
+    elif number == 132:
+        payload[12] = 24
+        struct.pack_into("<HHH", payload, 4, 0, 65535, chance.randrange(65536))
+
+
+def flood(frames_wanted: int) -> Iterator[bytes]:
+    """Unknown ids, new names and new systems in turn."""
+    for n in range(frames_wanted):
+        kind = n % 3
+        if kind == 0:
+            yield raw_frame(50_000 + n, bytes(n % 40), n % 250 + 1, n % 255 + 1, n)
+        elif kind == 1:
+            yield write(mavlink.MAVLink_named_value_float_message(n, f"N{n}"[:10].encode(), 1.0), 1, 1, n & 255)
+        else:
+            yield write(mavlink.MAVLink_heartbeat_message(2, 3, 129, 4, 4, 3), n % 250 + 1, n // 250 % 250 + 1, n & 255)
+
+
+def targets() -> list[Target]:
+    """Vehicles and ranging messages, each pair a pilot."""
+    pairs = (
+        ("arducopter", "distance_sensor"),
+        ("arduplane", "named_value_float"),
+        ("px4_copter", "ranging_beacon"),
+        ("px4_plane", "distance_sensor"),
+    )
+    return [Target(*pair) for pair in pairs]
+
+
+def assault(target: Target, source: Iterator[bytes]) -> None:
+    """Feed hostile datagrams, with the good vehicle between them."""
+    for n, data in enumerate(source):
+        target.hear(data)
+        if n % GOOD_EVERY == 0:
+            target.good()
+        if n % 5 == 0:
+            target.step()
+
+
+def corpus_of(target: Target) -> list[bytes]:
+    """Good frames to mutate: the vehicle's, and zero frames of everything that is handled."""
+    empty = [raw_frame(n, bytes(mavlink.mavlink_map[n].unpacker.size), *VEHICLE_IDS) for n in IDS if n not in STATE]
+    return [*target.good(), *empty]
+
+
+def hostile(target: Target, make: Hostile, chance: Random, wanted: int) -> Iterator[bytes]:
+    """So many hostile datagrams, made from what the good vehicle says these days."""
+    for n in range(wanted):
+        if n % FRESH == 0:
+            corpus = corpus_of(target)
+        yield make(chance, corpus)
+
+
+def resident_mb() -> float:
+    """Resident memory of this process, MB."""
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * 4096 / 1e6
+
+
+def run(what: str, count: int, seed: int) -> tuple[list[str], str]:
+    """One kind of assault on every target: what was broken, and a line to print."""
+    chance, hunted = Random(seed), targets()
+    makers: dict[str, Hostile] = {"mutated": mutated, "valid": valid}
+    share = count // len(hunted)
+
+    def source(target: Target, wanted: int) -> Iterator[bytes]:
+        if what == "flood":
+            return flood(wanted)
+        return hostile(target, makers[what], chance, wanted)
+
+    for target in hunted:
+        assault(target, source(target, min(WARM_UP, share // 4)))
+    before, began = resident_mb(), time.monotonic()
+    for target in hunted:
+        target.slowest = 0.0
+        assault(target, source(target, share))
+    broken = [line for target in hunted for line in target.broken]
+    counts: Counter[str] = sum((target.counts for target in hunted), Counter())
+    facts = ", ".join(f"{name} {number}" for name, number in counts.most_common(9))
+    line = (
+        f"{what}: {share * len(hunted)} frames, seed {seed}: 0 exceptions, {len(broken)} bad setpoints, "
+        f"RSS {resident_mb() - before:+.1f} MB, slowest step {1000 * max(t.slowest for t in hunted):.1f} ms, "
+        f"{time.monotonic() - began:.0f} s ({facts})"
+    )
+    return broken, line
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.tools.faults.fuzz", description="Hostile bytes for a pilot.")
+    parser.add_argument("--frames", type=int, default=1_000_000, help="of each kind")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--what", choices=("mutated", "valid", "flood", "all"), default="all")
+    options = parser.parse_args(arguments)
+    bad = 0
+    for what in ("mutated", "valid", "flood") if options.what == "all" else (options.what,):
+        broken, line = run(what, options.frames, options.seed)
+        print(line, flush=True)
+        for rule in broken[:10]:
+            print(f"  {rule}")
+        bad += len(broken)
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,147 @@
+"""Reads the setpoints that leave, from their bytes alone, and says which limit one of them breaks; and reads what the
+application is given, with pymavlink alone, and tells when the vehicle is not ours to steer."""
+
+from dataclasses import dataclass
+from hashlib import sha256
+from math import asin, atan2, hypot, isfinite
+from typing import Any
+
+from circnav_sim.faults.frames import message_id
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.pilot import PilotSettings
+from tests.frames import read
+
+SETPOINTS = {84: "SET_POSITION_TARGET_LOCAL_NED", 82: "SET_ATTITUDE_TARGET", 69: "MANUAL_CONTROL"}
+SLACK = 1e-4
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """What the mission allows. Rates in rad/s, speeds in m/s, angles in rad."""
+
+    yaw_rate: float
+    speed: float
+    bank: float
+    pitch: float
+    climb: float
+
+    @classmethod
+    def of(cls, settings: PilotSettings) -> "Allowed":
+        facts = settings.facts
+        orbit = settings.orbit
+        return cls(orbit.max_turn_rate, orbit.speed, facts.max_bank, facts.loops.max_pitch, facts.max_climb)
+
+
+def is_setpoint(frame: bytes) -> bool:
+    return message_id(frame) in SETPOINTS
+
+
+def is_heartbeat(frame: bytes) -> bool:
+    return message_id(frame) == 0
+
+
+def is_safe(frame: bytes) -> bool:
+    """Whether a setpoint asks for no turn: stand still, or wings level. A height may be held meanwhile."""
+    message = read(frame)
+    if message.get_msgId() == 84:
+        return bool(message.vx == 0 and message.vy == 0 and message.yaw_rate == 0)
+    if message.get_msgId() == 82:
+        return abs(_roll(message.q)) < SLACK
+    return bool(message.y == 0)
+
+
+def broken_rule(frame: bytes, allowed: Allowed) -> str | None:
+    """What is wrong with a setpoint, None when nothing is."""
+    message = read(frame)
+    numbers = [getattr(message, name) for name in message.get_fieldnames()]
+    flat = [one for value in numbers for one in (value if isinstance(value, list | tuple) else [value])]
+    if not all(isfinite(value) for value in flat):
+        return f"not finite: {message}"
+    excess = {name: value for name, (value, most) in _demands(message, allowed).items() if abs(value) > most + SLACK}
+    return f"beyond the limits: {excess}" if excess else None
+
+
+def _demands(message: Any, allowed: Allowed) -> dict[str, tuple[float, float]]:
+    """What is demanded, and the most of it."""
+    if message.get_msgId() == 84:
+        return {
+            "yaw rate": (message.yaw_rate, allowed.yaw_rate),
+            "forward": (message.vx, allowed.speed),
+            "sideways": (message.vy, 0.0),
+            "climb": (message.vz, allowed.climb),
+            # half of g against drag, and a turn of which PX4 damps a fifth
+            "fed": (hypot(message.afx, message.afy, message.afz), hypot(5.0, 1.25 * allowed.speed * allowed.yaw_rate)),
+        }
+    if message.get_msgId() == 82:
+        w, x, y, z = message.q
+        return {
+            "norm": (w * w + x * x + y * y + z * z - 1, 0.0),
+            "bank": (_roll(message.q), allowed.bank),
+            "pitch": (asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))), allowed.pitch),
+            "thrust": (message.thrust - 0.5, 0.5),
+        }
+    return {"x": (message.x, 0.0), "y": (message.y, 1000.0), "r": (message.r, 0.0), "z": (message.z - 500, 500.0)}
+
+
+def _roll(q: list[float]) -> float:
+    w, x, y, z = q
+    return atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+
+
+GUIDED = {
+    "arducopter": 4,
+    "arduplane": 15,
+    "ardurover": 15,
+    "px4_copter": 6 << 16,
+    "px4_plane": 2 << 16,
+    "px4_plane_attitude": 6 << 16,
+}
+"""HEARTBEAT.custom_mode in which setpoints are obeyed: autopilots.md; PX4's main mode in the third byte."""
+VEHICLE = (1, 1)
+ARMED = 128
+
+
+class Witness:
+    """taken: the vehicle was seen in the guided mode and then out of it. unproved: nothing was heard of it since we
+    stood still."""
+
+    def __init__(self, profile: str, key: bytes | None = None) -> None:
+        """key: where the vehicle signs; what is not signed with it was not said by the vehicle."""
+        self._key, self._newest = key, 0
+        self._guided = GUIDED[profile]
+        self._parser = mavlink.MAVLink(None)
+        self._parser.robust_parsing = True
+        self._was_ours = self._armed = False
+        self.taken = self.unproved = False
+
+    def stood_still(self) -> None:
+        """The application has not run for a while; what waited for it proves nothing."""
+        self.unproved = True
+
+    def hear(self, data: bytes, *, waited: bool = False) -> None:
+        """A datagram that the application is given; `waited`: during a stall."""
+        if self._key is not None and not self._signed_now(data):
+            return
+        for message in self._parser.parse_buffer(data) or ():
+            if (message.get_srcSystem(), message.get_srcComponent()) != VEHICLE:
+                continue
+            if message.get_type() == "HEARTBEAT":
+                self._armed = bool(message.base_mode & ARMED)
+                self.unproved = self.unproved and waited
+                self._note(message.custom_mode)
+            elif message.get_type() == "CURRENT_MODE" and message.custom_mode:
+                self._note(message.custom_mode)
+
+    def _signed_now(self, data: bytes) -> bool:
+        """Whether a frame is truly signed, and not one of earlier."""
+        stamp = int.from_bytes(data[-12:-6], "little")
+        if sha256((self._key or b"") + data[:-6]).digest()[:6] != data[-6:] or stamp <= self._newest:
+            return False
+        self._newest = stamp
+        return True
+
+    def _note(self, mode: int) -> None:
+        ours = self._armed and mode == self._guided
+        self.taken = not ours and (self._was_ours or self.taken)
+        self._was_ours = ours

@@ -1,0 +1,147 @@
+"""python -m tests.tools.faults.matrix [--quick] [--profile P] [--fault F] [--level TEXT] [--seed N]: the fault matrix.
+
+Every fault at every level over the emulated vehicles, in lockstep; prints a line for each cell, and last (--out: into
+a file) the table of docs/faults.md, a line for each fault. A cell flown alone with its seed flies the same flight.
+"""
+
+import argparse
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from tests.tools.faults.attacks import ATTACKS
+from tests.tools.faults.cell import LAW, Scenario, Verdict, Want, fly
+from tests.tools.faults.scenarios.line import LINE
+from tests.tools.faults.scenarios.pauses import STANDSTILLS
+from tests.tools.faults.scenarios.peers import PEERS
+from tests.tools.faults.scenarios.ranging import RANGING
+from tests.tools.faults.scenarios.signing import SIGNING
+
+EVERY = (*LINE, *RANGING, *PEERS, *SIGNING, *ATTACKS, *STANDSTILLS)
+SCENARIOS = tuple(sorted(EVERY, key=lambda one: int(one.fault[1:])))
+PROFILES = ("arducopter", "arduplane", "ardurover", "px4_copter", "px4_plane", "px4_plane_attitude")
+FIRST = PROFILES[:2]
+HEAD = (
+    "| fault | level | vehicle | seed | result | RMS % | worst age s | to safe s | recovery s | rejects |\n"
+    "|---|---|---|---|---|---|---|---|---|---|"
+)
+FAULTS = {
+    "F1": "frames are lost",
+    "F2": "the link is down, one way or both",
+    "F3": "frames come late",
+    "F4": "frames come late by turns (jitter)",
+    "F5": "frames come in another order",
+    "F6": "frames come twice",
+    "F7": "bytes are damaged, cut off, split, joined",
+    "F9": "strange frames flood the link",
+    "F10": "ranges that are none",
+    "F11": "outliers, noise, offsets, coarse steps",
+    "F12": "ranges stop, freeze, come seldom or in bursts",
+    "F13": "the sensor's clock",
+    "F14": "our clock",
+    "F15": "the autopilot reboots",
+    "F16": "the operator takes over, or disarms",
+    "F17": "the vehicle speaks from another address",
+    "F18": "another vehicle, radio or companion speaks",
+    "F19": "commands are refused, ignored or answered late",
+    "F20": "our process stands still",
+    "F22": "MAVLink 1, replays, and signed links",
+    "F23": "attackers on the link",
+    "F24": "vehicle, radio or computer stand still",
+}
+BY_FAULT = (
+    "| | fault | levels | circnav | held to, RMS % of the radius | back within, s | silent or safe within, s "
+    "| passed on |\n|---|---|---|---|---|---|---|---|"
+)
+
+
+def cells(*, quick: bool, profile: str | None, fault: str | None, level: str | None) -> Iterator[tuple[Scenario, str]]:
+    """What is to be flown."""
+    for scenario in SCENARIOS:
+        if (quick and not scenario.quick) or fault not in (None, scenario.fault) or (level or "") not in scenario.level:
+            continue
+        for name in (profile,) if profile else FIRST if quick else PROFILES:
+            if not scenario.profiles or name in scenario.profiles:
+                yield scenario, name
+
+
+def row(verdict: Verdict) -> str:
+    """A cell as a line of the table."""
+    rejects = ", ".join(f"{count} {name}" for name, count in sorted(verdict.rejects.items())) or "none"
+    result = "pass" if verdict.passed else f"**FAIL** {'; '.join(verdict.faults)}"
+    return (
+        f"| {verdict.scenario.fault} | {verdict.scenario.level} | {verdict.profile} | {verdict.seed} | {result} "
+        f"| {100 * verdict.rms:.1f} | {verdict.worst_age:.2f} | {_number(verdict.to_safe)} "
+        f"| {_number(verdict.recovery)} | {rejects} |"
+    )
+
+
+def by_fault(verdicts: Iterable[Verdict]) -> str:
+    """A line for each fault: what the vehicles did about it, the worst figures of all its cells, and who passed."""
+    flown: dict[str, list[Verdict]] = {}
+    for verdict in verdicts:
+        flown.setdefault(verdict.scenario.fault, []).append(verdict)
+    return "\n".join([BY_FAULT, *(_fault_row(fault, found) for fault, found in flown.items())])
+
+
+def _fault_row(fault: str, found: list[Verdict]) -> str:
+    def wanted(verdict: Verdict) -> Want:
+        return verdict.scenario.on.get(verdict.profile, verdict.scenario.want)
+
+    def worst(values: Iterable[float | None]) -> str:
+        return _number(max((value for value in values if value is not None), default=None))
+
+    answers = Counter(wanted(verdict).value for verdict in found if wanted(verdict) is not Want.SAFE)
+    held = worst(100 * one.rms for one in found if wanted(one) is Want.HOLD and not one.outcome)
+    back = worst(one.recovery for one in found if wanted(one) in (Want.HOLD, Want.REGAIN) and not one.outcome)
+    safe = worst(one.to_safe for one in found if one.outcome)
+    flew = dict.fromkeys(one.profile for one in found)
+    failing = {one.profile for one in found if not one.passed}
+    passed = ", ".join(name for name in flew if name not in failing) or "none"
+    levels = len({one.scenario.level for one in found})
+    answer = "; ".join(answers) or "breaks no rule"
+    everyone = f"all {len(flew)}" if not failing and len(flew) == len(PROFILES) else passed
+    return f"| {fault} | {FAULTS[fault]} | {levels} | {answer} | {held} | {back} | {safe} | {everyone} |"
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1f}"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    options = _parser().parse_args(arguments)
+    started = time.monotonic()
+    chosen = list(cells(quick=options.quick, profile=options.profile, fault=options.fault, level=options.level))
+    flown: list[Verdict] = []
+    print(HEAD)
+    for scenario, profile in chosen:
+        flown.append(fly(scenario, profile, options.seed, options.law))
+        print(row(flown[-1]), flush=True)
+    failed = sum(not verdict.passed for verdict in flown)
+    summary = (
+        f"{len(chosen)} cells, {len(chosen) - failed} passed, {failed} failed, law {options.law}, seed {options.seed}, "
+        f"{time.monotonic() - started:.0f} s"
+    )
+    table = by_fault(flown)
+    print(f"{summary}\n\n{table}")
+    if options.out:
+        options.out.write_text(f"{summary}\n\n{table}\n", encoding="utf-8")
+    return 1 if failed else 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m tests.tools.faults.matrix", description="Flies the fault matrix.")
+    parser.add_argument("--quick", action="store_true", help="one or two levels of each fault, two vehicles")
+    parser.add_argument("--profile", choices=PROFILES)
+    parser.add_argument("--fault", help="F1 .. F24")
+    parser.add_argument("--level", help="part of the level's name")
+    parser.add_argument("--law", default=LAW, help="guidance.law of the missions")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--out", type=Path, metavar="TABLE.md", help="write the table by fault there")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

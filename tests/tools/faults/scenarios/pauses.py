@@ -1,0 +1,103 @@
+"""F24: the vehicle, its radio, we, or the computer with all of them stand still for a while, and go on."""
+
+from collections.abc import Callable
+
+from tests.frames import read, rewritten
+from tests.tools.faults.cell import Scenario, Want
+from tests.tools.faults.course import Course
+from tests.tools.faults.tampering import on
+
+RANGE = 132
+STEP = 0.01
+Pause = Callable[[Course, float], None]
+"""(flight, seconds): somebody stands still for so long, from now on."""
+
+
+def vehicle_pauses(course: Course, seconds: float) -> None:
+    """Its clock stands still and nothing comes; what we say waits for it. For us time goes on."""
+    before, since = course.clock, course.clock(course.now)
+    for n in range(1, round(seconds / STEP)):
+        course.vehicle.receive(course.pilot.step(since + n * STEP))
+    course.clock = lambda now: before(now) + seconds
+
+
+def radio_pauses(course: Course, seconds: float) -> None:
+    """Its clock stands still; the vehicle and its link go on."""
+    until = course.now + seconds
+
+    def change(frame: bytes, now: float) -> list[bytes]:
+        return [] if now < until else [rewritten(frame, time_boot_ms=read(frame).time_boot_ms - round(1000 * seconds))]
+
+    course.link.tampers.append(on(RANGE, change))
+    course.fly(until)
+
+
+def radio_buffers(at_once: int) -> Pause:
+    """Its buffer fills, then drains by so many ranges for each new one."""
+
+    def pauses(course: Course, seconds: float) -> None:
+        until, waiting = course.now + seconds, list[bytes]()
+
+        def change(frame: bytes, now: float) -> list[bytes]:
+            waiting.append(frame)
+            out = waiting[:at_once] if now >= until else []
+            del waiting[: len(out)]
+            return out
+
+        course.link.tampers.append(on(RANGE, change))
+        course.fly(until)
+        while waiting:
+            course.fly(course.now + 0.1)
+
+    return pauses
+
+
+def we_pause(course: Course, seconds: float) -> None:
+    """What the vehicle says meanwhile waits in our socket."""
+    course.stall(seconds)
+
+
+def companion_sleeps(course: Course, seconds: float) -> None:
+    """The vehicle flies on; what it says meanwhile is lost. Our clock counts the time asleep, as Linux' does."""
+    course.stall(seconds, lost=True)
+
+
+def computer_pauses(course: Course, seconds: float) -> None:
+    """Vehicle, radio and we stand still with the computer that all of them run on; its clock goes on."""
+    before = course.clock
+    course.clock = lambda now: before(now) + seconds
+    course.stood_still(seconds)
+
+
+PAUSES: dict[str, Pause] = {
+    "vehicle": vehicle_pauses,
+    "radio": radio_pauses,
+    "radio buffers": radio_buffers(100),
+    "radio buffers and drains": radio_buffers(2),
+    "we": we_pause,
+    "companion computer sleeps": companion_sleeps,
+    "whole computer": computer_pauses,
+}
+
+
+def paused(who: str, seconds: float) -> Scenario:
+    def arrange(course: Course, seed: int) -> None:
+        PAUSES[who](course, seconds)
+
+    return Scenario(
+        "F24",
+        f"{who} {seconds:g} s",
+        arrange=arrange,
+        lasts=seconds + 5.0,
+        after=50.0,
+        want=Want.REGAIN,
+        clocks=True,
+        quick=(who, seconds) == ("whole computer", 3.0),
+    )
+
+
+STANDSTILLS = [
+    *(paused(who, seconds) for who in PAUSES if who != "we" for seconds in (0.5, 3.0)),  # we: F20
+    paused("companion computer sleeps", 30.0),
+    paused("whole computer", 30.0),
+]

@@ -1,0 +1,130 @@
+"""F10 .. F13: what the range says, how it is noised, repeated and stamped. On the way from the vehicle."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from tests.frames import read, rewritten
+from tests.tools.faults.cell import Scenario, Want
+from tests.tools.faults.course import Course
+from tests.tools.faults.scenarios.line import PX4
+from tests.tools.faults.tampering import Change, every, noise, offset, on, outliers, quantised, sometimes, stamps, stuck
+
+HOLD, REGAIN = Want.HOLD, Want.REGAIN
+SLOW = {"px4_copter": REGAIN}
+"""Ten seconds without ranges take it farther than others off its circle."""
+RANGE = 132
+NAMED = 251
+WRAP = 2**32 / 1000
+FLYING = ("arducopter", "arduplane", *PX4)
+NAMED_RANGING = ('ranging.message="named_value_float"', 'sim.ranging.message="named_value_float"')
+
+
+def tampered(fault: str, level: str, change: Callable[[int], Change], number: int = RANGE, **more: Any) -> Scenario:
+    """A change to the ranging radio's frames, made from the seed."""
+
+    def arrange(course: Course, seed: int) -> None:
+        course.link.tampers.append(on(number, change(seed)))
+
+    return Scenario(fault, level, arrange=arrange, **more)
+
+
+def value(level: str, *rejects: str, quick: bool = False, profiles: tuple[str, ...] = (), **fields: float) -> Scenario:
+    """A fifth of the ranges carry a value that is none."""
+    change = partial(sometimes, 0.2, **fields)
+    return tampered("F10", level, change, rejects=rejects, quick=quick, profiles=profiles)
+
+
+def named(level: str, reject: str, number: float) -> Scenario:
+    change = partial(sometimes, 0.2, value=number)
+    return tampered("F10", f"named value {level}", change, NAMED, rejects=(reject,), overrides=NAMED_RANGING)
+
+
+VALUES = [
+    value("0 cm", "no_range", quick=True, current_distance=0),
+    value("1 cm", "overhead", profiles=FLYING, current_distance=1),
+    value("1 cm on the ground", "gated", profiles=("ardurover",), current_distance=1),
+    value("65534 cm", "gated", current_distance=65534),
+    value("65535 cm", "no_range", current_distance=65535),
+    value("below min", "below_min", min_distance=65000, max_distance=0),
+    value("at max", "no_range", max_distance=1),
+    value("quality 1", "poor_quality", signal_quality=1),
+    value("quality 0", signal_quality=0),
+    value("covariance 0", covariance=0),
+    value("covariance 1", covariance=1),
+    value("downward sensor", orientation=25),
+    named("NaN", "not_finite", float("nan")),
+    named("+inf", "not_finite", float("inf")),
+    named("-inf", "not_finite", float("-inf")),
+    named("-1", "no_range", -1.0),
+    named("0", "no_range", 0.0),
+    named("1e30", "above_max", 1e30),
+]
+
+NOISE = [
+    *(
+        tampered("F11", f"noise {sigma:g} m", partial(noise, sigma), want=want)
+        for sigma, want in ((0.05, HOLD), (0.5, HOLD), (1.0, HOLD), (2.0, REGAIN))
+    ),
+    *(
+        tampered("F11", f"outliers {p} %, 2..50 m", partial(outliers, p / 100, (2.0, 50.0)), want=want, quick=p == 10)
+        for p, want in ((1, HOLD), (5, HOLD), (10, HOLD), (20, REGAIN), (30, REGAIN))
+    ),
+    tampered("F11", "+5 m for 5 s", lambda seed: offset(5.0), lasts=5.0, want=REGAIN),
+    *(tampered("F11", f"steps of {step:g} m", lambda seed, s=step: quantised(s)) for step in (0.01, 0.1, 1.0)),
+]
+
+
+def repeating(seconds: float, *, new_stamps: bool, quick: bool = False) -> Scenario:
+    """Stuck on one value; for as long as nobody can tell, the rules hold all the same."""
+    level = f"stuck {seconds:g} s, {'new stamps' if new_stamps else 'same stamp'}"
+    more = {"lasts": seconds, "after": 50.0, "want": REGAIN, "quick": quick}
+    return tampered("F12", level, lambda seed: stuck(new_stamps=new_stamps), **more)
+
+
+def restamped(frame: bytes, now: float) -> list[bytes]:
+    """The same value five times, each with a stamp a little newer: an autopilot that re-sends."""
+    stamp = read(frame).time_boot_ms
+    return [rewritten(frame, time_boot_ms=stamp + 10 * n) for n in range(5)]
+
+
+FIVE_TIMES = "each value 5 times, new stamps"
+STUCK = [
+    *(repeating(s, new_stamps=False, quick=s == 10) for s in (0.5, 2, 10, 30)),
+    *(repeating(s, new_stamps=True) for s in (0.5, 2, 5, 10, 30)),
+    tampered("F12", "2.5 Hz", lambda seed: every(4)),
+    tampered("F12", "1 Hz", lambda seed: every(10), want=REGAIN),
+    tampered("F12", "each frame 5 times", lambda seed: lambda frame, now: [frame] * 5),
+    tampered(
+        "F12", f"{FIVE_TIMES}, resent = true", lambda seed: restamped, overrides=("ranging.resent=true",), clocks=True
+    ),
+    tampered("F12", FIVE_TIMES, lambda seed: restamped, clocks=True, want=REGAIN),
+]
+
+
+def stamped(level: str, shift: Callable[[float, float], float], **more: Any) -> Scenario:
+    """The radio's clock, not the vehicle's."""
+    return tampered("F13", level, lambda seed: stamps(shift), clocks=True, **more)
+
+
+def _alternating(shift: float) -> Callable[[float, float], float]:
+    return lambda stamp, now: stamp + shift * (int(now * 5) % 2)
+
+
+STAMPS = [
+    stamped("frozen", lambda stamp, now: 100.0, want=REGAIN),
+    stamped("zero", lambda stamp, now: 0.0),
+    *(stamped(f"{ms} ms ahead", lambda stamp, now, ms=ms: stamp + ms / 1000) for ms in (40, 100)),
+    stamped("400 ms ahead", lambda stamp, now: stamp + 0.4, want=REGAIN, quick=True),
+    stamped("every other 400 ms ahead", _alternating(0.4), want=REGAIN),
+    stamped("one sample back", lambda stamp, now: stamp - 0.1),
+    *(stamped(f"{s:+g} s", lambda stamp, now, s=s: stamp + s, on=SLOW) for s in (1, -1, 3600)),
+    stamped("epoch instead of boot", lambda stamp, now: stamp + 1_000_000.0, quick=True),
+    stamped("back to boot", lambda stamp, now: stamp - 100.0),
+    stamped("wrap of 49.7 days", lambda stamp, now: stamp + WRAP - 130.0),
+    stamped("200 ppm fast", lambda stamp, now: stamp * (1 + 200e-6)),
+    stamped("200 ppm slow", lambda stamp, now: stamp * (1 - 200e-6)),
+    stamped("two clocks by turns, 1 h apart", _alternating(3600.0), want=Want.SAFE),
+    stamped("random within 1 s", lambda stamp, now: stamp + (stamp * 7919.0) % 1.0, want=Want.SAFE),
+]
+RANGING = [*VALUES, *NOISE, *STUCK, *STAMPS]

@@ -1,0 +1,159 @@
+"""Peers that misbehave: each function makes a tamper for a `FaultLink`, for the frames it is about."""
+
+from collections.abc import Callable, Iterable
+from itertools import count
+from math import floor
+from random import Random
+
+from circnav_sim.faults.frames import message_id, write
+from circnav_sim.faults.link import DOWN, UP, Passage, Tamper
+from pymavlink.dialects.v20 import all as mavlink
+
+from tests.frames import read, rewritten, sender
+
+DISTANCE_SENSOR, COMMAND_LONG, COMMAND_ACK = 132, 76, 77
+STAMPED = {132: "time_boot_ms", 30: "time_boot_ms", 2: "time_boot_ms", 251: "time_boot_ms", 513: "time_usec"}
+WRAP = 2**32
+
+Change = Callable[[bytes, float], Iterable[bytes]]
+"""(frame, now) -> the frames that travel instead of it."""
+
+
+def on(number: int, change: Change, *, direction: str = DOWN) -> Tamper:
+    """Apply a change to the frames of one message; everything else passes."""
+
+    def tamper(way: str, data: bytes, now: float) -> Iterable[Passage]:
+        if way != direction or message_id(data) != number:
+            return [(way, data)]
+        return [(way, frame) for frame in change(data, now)]
+
+    return tamper
+
+
+def dropping(number: int) -> Tamper:
+    """A message that never gets through."""
+    return on(number, lambda frame, now: ())
+
+
+def sometimes(fraction: float, seed: int, **values: float) -> Change:
+    """Some frames carry other values."""
+    chance = Random(seed)
+    return lambda frame, now: [rewritten(frame, **values) if chance.random() < fraction else frame]
+
+
+def outliers(fraction: float, metres: tuple[float, float], seed: int) -> Change:
+    """Some ranges are off, by either sign."""
+    chance = Random(seed)
+
+    def change(frame: bytes, now: float) -> list[bytes]:
+        if chance.random() >= fraction:
+            return [frame]
+        return [_shifted(frame, chance.choice((-1, 1)) * chance.uniform(*metres))]
+
+    return change
+
+
+def noise(sigma: float, seed: int) -> Change:
+    """More Gaussian noise on every range, m."""
+    chance = Random(seed)
+    return lambda frame, now: [_shifted(frame, chance.gauss(0.0, sigma))]
+
+
+def offset(metres: float) -> Change:
+    """Every range is off by the same: a reflected path."""
+    return lambda frame, now: [_shifted(frame, metres)]
+
+
+def quantised(metres: float) -> Change:
+    """Ranges in steps, m."""
+    step = round(metres * 100)
+    return lambda frame, now: [_set_cm(frame, step * floor(read(frame).current_distance / step + 0.5))]
+
+
+def stuck(*, new_stamps: bool) -> Change:
+    """The first range seen is repeated for ever, under its own stamp or under new ones."""
+    first: list[bytes] = []
+
+    def change(frame: bytes, now: float) -> list[bytes]:
+        if not first:
+            first.append(frame)
+        return [_set_cm(frame, read(first[0]).current_distance) if new_stamps else first[0]]
+
+    return change
+
+
+def every(count: int) -> Change:
+    """Only one frame of so many passes."""
+    seen = [0]
+
+    def change(frame: bytes, now: float) -> list[bytes]:
+        seen[0] += 1
+        return [frame] if seen[0] % count == 0 else []
+
+    return change
+
+
+def stamps(shift: Callable[[float, float], float]) -> Change:
+    """Other stamps: `shift` gets the stamp and the link's time, both s, and answers with the new stamp, s."""
+
+    def change(frame: bytes, now: float) -> list[bytes]:
+        name = STAMPED[message_id(frame)]
+        unit = 1e6 if name == "time_usec" else 1e3
+        stamp = round(shift(getattr(read(frame), name) / unit, now) * unit)
+        return [rewritten(frame, **{name: stamp % (WRAP if unit == 1e3 else WRAP**2)})]
+
+    return change
+
+
+def answered(number: int, result: int) -> Tamper:
+    """A vehicle that answers a command with this result, and does not obey it."""
+
+    def tamper(way: str, data: bytes, now: float) -> Iterable[Passage]:
+        if way != UP or message_id(data) != COMMAND_LONG or read(data).command != number:
+            return [(way, data)]
+        return [(DOWN, acknowledgement(number, result, sender(data)))]
+
+    return tamper
+
+
+def acknowledgement(number: int, result: int, to: tuple[int, int], by: tuple[int, int] = (1, 1)) -> bytes:
+    """A COMMAND_ACK frame."""
+    return write(mavlink.MAVLink_command_ack_message(number, result, 0, 0, *to), *by)
+
+
+def late(number: int, seconds: float) -> Tamper:
+    """Frames of a message come later by so much, whatever comes after them."""
+    waiting: list[tuple[float, bytes]] = []
+
+    def tamper(way: str, data: bytes, now: float) -> Iterable[Passage]:
+        due = [frame for time, frame in waiting if time <= now]
+        waiting[:] = [(time, frame) for time, frame in waiting if time > now]
+        if way == DOWN and message_id(data) == number:
+            waiting.append((now + seconds, data))
+            return [(DOWN, frame) for frame in due]
+        return [(DOWN, frame) for frame in due] + [(way, data)]
+
+    return tamper
+
+
+def said_again(seconds: float, chosen: Callable[[str, bytes], bool] = lambda way, data: True) -> Tamper:
+    """A fifth of the chosen frames is said again so much later, as a replay attack or a looped route would."""
+    heard: list[tuple[float, Passage]] = []
+    numbers = count()
+
+    def tamper(way: str, data: bytes, now: float) -> Iterable[Passage]:
+        if chosen(way, data) and next(numbers) % 5 == 0:
+            heard.append((now + seconds, (way, data)))
+        due = [passage for time, passage in heard if time <= now]
+        heard[:] = [item for item in heard if item[0] > now]
+        return [(way, data), *due]
+
+    return tamper
+
+
+def _shifted(frame: bytes, metres: float) -> bytes:
+    return _set_cm(frame, read(frame).current_distance + round(100 * metres))
+
+
+def _set_cm(frame: bytes, cm: int) -> bytes:
+    return rewritten(frame, current_distance=min(max(cm, 1), 65534))

@@ -1,0 +1,68 @@
+"""The vehicle, its radio or we stand still for a while: ranges are used within a second of coming fresh again."""
+
+from itertools import pairwise
+
+import pytest
+from circnav_sim.faults import UP, Impairment
+
+from circnav_mav.pilot.mission_state import Phase
+from circnav_mav.runtime.status import Watch
+from tests.frames import read
+from tests.rig import Rig, distance
+from tests.tools.faults.course import on_the_circle
+from tests.tools.faults.scenarios.pauses import PAUSES, radio_pauses
+from tests.tools.faults.tampering import on
+
+SMOOTH = ('guidance.law="smooth"',)
+
+
+@pytest.mark.parametrize("seconds", [0.5, 3.0])
+@pytest.mark.parametrize("who", PAUSES)
+def test_ranges_are_used_within_a_second_of_coming_fresh(who: str, seconds: float) -> None:
+    course = on_the_circle("arducopter", SMOOTH)
+    PAUSES[who](course, seconds)
+    course.fly(course.now + 1.0)
+    taken, refused, before = course.pilot.tracker.accepted, course.pilot.tracker.ranging.refused, len(course.ticks)
+    course.fly(course.now + 5.0)
+    assert course.pilot.tracker.accepted - taken >= 49
+    assert course.pilot.tracker.ranging.refused == refused
+    assert {record.phase for record in course.ticks[before:]} == {Phase.ENGAGED}
+    assert max(record.range_age or 0.0 for record in course.ticks[before:]) < 0.25
+    assert course.broken == []
+
+
+def test_a_sensor_clock_that_stood_still_is_named() -> None:
+    course, texts = on_the_circle("arducopter", SMOOTH), list[bytes]()
+    radio_pauses(course, 2.0)
+    course.fly(course.now + 0.4)
+    assert any("SENSOR CLOCK" in alarm for alarm in Watch(course.pilot).status(course.ticks[-1], course.now).alarms)
+    course.link.tampers.append(on(253, lambda frame, now: texts.append(frame) or [frame], direction=UP))
+    course.fly(course.now + 6.0)
+    assert Watch(course.pilot).status(course.ticks[-1], course.now).alarms == ()
+    told = [read(text).text.removeprefix("circnav: sensor clock ") for text in texts if b"clock" in text]
+    assert told == ["stalled 2.0 s", "runs steadily again"]
+
+
+def test_a_link_that_turns_slow_while_it_is_silent_is_no_clock_that_stood_still() -> None:
+    """By the true age: for 0.8 s nothing comes, and then all comes so late."""
+    course = on_the_circle("arducopter", SMOOTH)
+    course.link.impair(down=Impairment(delay=0.8))
+    course.fly(course.now + 9.0)
+    assert course.worst_age <= 0.5 + 0.06
+    rejected = course.pilot.tracker.ranging.rejected
+    assert rejected["too_old"] > 60 and rejected["clock"] <= 10
+
+
+@pytest.mark.parametrize(("lag", "most"), [(0.35, 1), (0.45, 2), (0.48, 2)])
+def test_ranges_that_come_at_an_age_near_stale_do_not_start_and_stop_the_steering(lag: float, most: int) -> None:
+    """Of a vehicle whose link has become as slow: by each range the newest is just fresh, and just before the next is
+    not."""
+    rig, phases = Rig().run(15.0), list[Phase]()
+    assert rig.pilot.mission.phase is Phase.ENGAGED
+    rig.ranges, rig.round_trip = False, 2 * lag
+    for _ in range(180):
+        rig.run(0.05)
+        if rig.tick % 2 == 0:
+            rig.hear(distance(15000, 1_000_000 + round((rig.now - lag) * 1000)))
+        phases.append(rig.pilot.mission.phase)
+    assert sum(a is not b for a, b in pairwise(phases)) <= most

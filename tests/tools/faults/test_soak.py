@@ -1,0 +1,55 @@
+"""A few minutes of the soak, with the wraps, and a small seeded share of the fuzzing. The ten hours and the million:
+python -m tests.tools.faults.soak, tests.tools.faults.fuzz."""
+
+from pathlib import Path
+
+import pytest
+from circnav_sim.faults.frames import message_id
+
+from circnav_mav.pilot.mission_state import Phase
+from circnav_mav.runlog.tlog import read_tlog
+from tests.flight.lockstep import rms_error
+from tests.flight.recorded import EPOCH_US, recorded_flight
+from tests.frames import read
+from tests.tools.faults.files import assault_files
+from tests.tools.faults.fuzz import run
+from tests.tools.faults.soak import WRAP
+
+ATTITUDE, RANGE = 30, 132
+
+
+def test_circle_is_held_through_the_wrap_of_the_49_days_counters(tmp_path: Path) -> None:
+    """The autopilot's wraps at 70 s, the radio's at 80 s; neither is a reboot, a jump or an outage."""
+    clocks = (f"sim.vehicle.boot_age_s={WRAP - 70}", f"sim.ranging.clock_offset_s={WRAP - 80}")
+    flight = recorded_flight(tmp_path, "arducopter", 'guidance.law="auto"', *clocks)
+    truths, phases = [], set()
+
+    def watch(_: object) -> None:
+        if flight.now > 60:
+            truths.append(flight.vehicle.truth)
+            phases.add(flight.pilot.mission.phase)
+
+    flight.fly(100, watch)
+    assert flight.recorder is not None
+    flight.recorder.close()
+    assert phases == {Phase.ENGAGED}
+    assert rms_error(truths, 30.0) < 0.05 * 30.0 / 2
+    assert flight.pilot.session.vehicle.reboots == 0
+    assert flight.pilot.tracker.ranging.rejected.total() <= 1
+    stamps = {ATTITUDE: [], RANGE: []}
+    for at, frame in read_tlog(tmp_path / "flight.tlog"):
+        if message_id(frame) in stamps:
+            stamps[message_id(frame)].append(((at - EPOCH_US) / 1e6, read(frame).time_boot_ms))
+    for number, wraps_at in ((ATTITUDE, 70), (RANGE, 80)):
+        assert all((stamp < 2**31) == (at > wraps_at - 0.01) for at, stamp in stamps[number])
+        assert len(stamps[number]) > 900
+
+
+@pytest.mark.parametrize("what", ["mutated", "valid", "flood"])
+def test_hostile_frames_neither_crash_the_pilot_nor_make_it_say_anything_unsafe(what: str) -> None:
+    broken, _ = run(what, 12_000, seed=2)
+    assert broken == []
+
+
+def test_damaged_files_are_refused_in_one_line_or_read_as_far_as_they_go() -> None:
+    assert assault_files(40, seed=2) == []

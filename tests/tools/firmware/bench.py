@@ -1,0 +1,334 @@
+"""The test bench round one simulated vehicle: relays autopilot and circnav, notes the truth, plays the operator.
+
+Two links to the firmware: one it shares with circnav through the relay, which sees every setpoint and hides positions;
+one of our own for the truth, the operator and the ranging radio. Truth is NED and clockwise from north. Time is the
+autopilot's own clock, in simulated seconds.
+"""
+
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from math import cos, degrees, radians
+from pathlib import Path
+from typing import Any, Protocol
+
+from pymavlink.dialects.v20 import all as mavlink
+
+from tests.tools.firmware.flight import Flight
+from tests.tools.firmware.wire import LOOPBACK, POSITIONS, Setpoint, bound, frames, mode_shown, parser, setpoint
+
+BRING_UP_PATIENCE = 300.0
+ACCEPTED, IN_PROGRESS = 0, 5
+
+
+class NoFlightError(Exception):
+    """The vehicle never came up: no flight, and nothing said about circnav."""
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The simulator's own state. Metres from where it was first seen, altitude above the sea, radians."""
+
+    time: float
+    north: float
+    east: float
+    altitude: float
+    v_north: float
+    v_east: float
+    v_down: float
+    roll: float
+    yaw: float
+    airspeed: float
+
+
+@dataclass(frozen=True)
+class Reported:
+    """Where the autopilot itself says that it is, by its own stamp: m north and east as the truth counts, m/s, rad."""
+
+    time: float
+    north: float
+    east: float
+    v_north: float
+    v_east: float
+    heading: float
+
+
+class Firmware(Protocol):
+    """ArduPilot or PX4: what differs between them, and how both tell a place. earth: radius of its sphere, m."""
+
+    earth: float
+    guided: int
+    holding: int
+    system: int
+    shared: socket.socket
+    own: socket.socket
+    own_peer: tuple[str, int] | None = None
+    _origin: tuple[int, int] | None = None
+
+    def start(self, folder: Path) -> subprocess.Popen[bytes]: ...
+    def truth(self, bench: "Bench", message: Any) -> Truth | None: ...
+    def bring_up(self, bench: "Bench") -> None: ...
+    def weather(self, bench: "Bench") -> None: ...
+    def wind(self, bench: "Bench", speed: float, from_: float) -> None: ...
+    def without_gps(self, bench: "Bench") -> None: ...
+    def ask_mode(self, bench: "Bench", mode: int) -> None: ...
+    def circle(self, bench: "Bench", north: float, east: float) -> tuple[float, float]: ...
+
+    def circling(self, bench: "Bench") -> None:
+        """What its own circle needs again and again: nothing, unless said otherwise."""
+        return
+
+    def metres(self, latitude: int, longitude: int) -> tuple[float, float]:
+        """North and east of where it was first seen, of degrees times 1e7."""
+        self._origin = self._origin or (latitude, longitude)
+        north = radians((latitude - self._origin[0]) * 1e-7) * self.earth
+        return north, radians((longitude - self._origin[1]) * 1e-7) * self.earth * cos(radians(self._origin[0] * 1e-7))
+
+    def degrees_e7(self, north: float, east: float) -> tuple[int, int]:
+        """The inverse of `metres`."""
+        assert self._origin is not None
+        latitude, longitude = self._origin[0] * 1e-7, self._origin[1] * 1e-7
+        at = latitude + degrees(north / self.earth), longitude + degrees(east / (self.earth * cos(radians(latitude))))
+        return round(at[0] * 1e7), round(at[1] * 1e7)
+
+
+def note(*words: object) -> None:
+    """Progress, beside the result."""
+    print(*words, file=sys.stderr, flush=True)
+
+
+class Bench:
+    """One vehicle, from power-up to the end of the process."""
+
+    def __init__(self, flight: Flight, firmware: Firmware, folder: Path, app_port: int) -> None:
+        self.flight, self.firmware, self.app_port, self.folder = flight, firmware, app_port, folder
+        self._shared, self._own, self._relay = firmware.shared, firmware.own, bound()
+        self._shared_peer: tuple[str, int] | None = None
+        self._own_peer = firmware.own_peer
+        self._from_vehicle, self._from_app = parser(), parser()
+        self._operator = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+        self.radio = mavlink.MAVLink(None, srcSystem=firmware.system, srcComponent=192)
+        self._boot, self._boot_at, self._beat_at = 0.0, 0.0, 0.0
+        self.speedup = flight.speedup
+        self.latest: dict[str, Any] = {}
+        self.counts: Counter[str] = Counter()
+        self.from_app: Counter[str] = Counter()
+        self._acks: list[tuple[int, int]] = []
+        self._params: dict[str, Any] = {}
+        self.modes: list[tuple[float, int]] = []
+        self.texts: list[tuple[float, str]] = []
+        self.track: list[Truth] = []
+        self.setpoints: list[Setpoint] = []
+        self.reported: list[Reported] = []
+        self.hidden = 0
+        self.on_truth: Callable[[Truth], None] | None = None
+        self.app: subprocess.Popen[bytes] | None = None
+        self.relaying = False
+        self.shown_modes: list[tuple[float, int]] = []
+        self.longest_pause, self._truth_at = 0.0, time.monotonic()
+        self._process = firmware.start(folder)
+
+    @property
+    def now(self) -> float:
+        """Simulated seconds, carried on between the autopilot's words by our own clock."""
+        return self._boot + min((time.monotonic() - self._boot_at) * self.speedup, 0.2)
+
+    @property
+    def truth(self) -> Truth:
+        return self.track[-1]
+
+    @property
+    def heard(self) -> bool:
+        return "HEARTBEAT" in self.latest
+
+    def send(self, message: Any, by: mavlink.MAVLink | None = None) -> None:
+        """To the vehicle, from the operator or another."""
+        by = by or self._operator
+        if self._own_peer:
+            self._own.sendto(message.pack(by), self._own_peer)
+            by.seq = (by.seq + 1) % 256
+
+    def pump(self, wait: float = 0.005) -> None:
+        """Take what has come, wait for more if nothing has."""
+        if time.monotonic() - self._beat_at > 1.0 / max(1.0, self.speedup):
+            self._beat_at = time.monotonic()
+            self.send(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3))
+            radio = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_ONBOARD_CONTROLLER, 8, 0, 0, 4, 3)
+            self.send(radio, self.radio)
+        for ready in select.select([self._shared, self._own, self._relay], [], [], wait)[0]:
+            for _ in range(100):
+                try:
+                    data, peer = ready.recvfrom(65535)
+                except (BlockingIOError, ConnectionRefusedError):
+                    break
+                self._took(ready, data, peer)
+        if self._process.poll() is not None:
+            raise NoFlightError(f"the firmware ended with {self._process.returncode}")
+
+    def _took(self, ready: Any, data: bytes, peer: tuple[str, int]) -> None:
+        if ready is self._relay:
+            self._app_said(data)
+        elif ready is self._shared:
+            self._shared_peer = peer
+            self._to_app(data)
+        else:
+            self._own_peer = peer
+            for message in self._from_vehicle.parse_buffer(data) or ():
+                sender = (message.get_srcSystem(), message.get_srcComponent())
+                if (
+                    sender == (self.firmware.system, mavlink.MAV_COMP_ID_AUTOPILOT1)
+                    and message.get_type() != "BAD_DATA"
+                ):
+                    self._vehicle_said(message)
+
+    def _to_app(self, data: bytes) -> None:
+        if not self.relaying:
+            return
+        cut = list(frames(data))
+        for shown in (mode for one in cut if (mode := mode_shown(*one)) is not None):
+            self.shown_modes.append((self.now, shown))
+        if not (self.flight.keep_position or self.flight.handback):
+            kept = b"".join(frame for number, frame in cut if number not in POSITIONS)
+            self.hidden += len(kept) != len(data)
+            data = kept
+        if data:
+            with suppress(ConnectionRefusedError, BlockingIOError):
+                self._relay.sendto(data, (LOOPBACK, self.app_port))
+
+    def _app_said(self, data: bytes) -> None:
+        if self._shared_peer:
+            self._shared.sendto(data, self._shared_peer)
+        for message in self._from_app.parse_buffer(data) or ():
+            self.from_app[message.get_type()] += 1
+            one = setpoint(message, self.now, self.flight.speed)
+            if one is not None:
+                self.setpoints.append(one)
+
+    def _vehicle_said(self, message: Any) -> None:
+        kind = message.get_type()
+        self.latest[kind] = message
+        self.counts[kind] += 1
+        if kind == "ATTITUDE":
+            self._boot, self._boot_at = message.time_boot_ms / 1000, time.monotonic()
+        elif kind == "GLOBAL_POSITION_INT" and self.track:
+            place = self.firmware.metres(message.lat, message.lon)
+            told = (message.vx / 100, message.vy / 100, radians(message.hdg / 100))
+            self.reported.append(Reported(message.time_boot_ms / 1000, *place, *told))
+        elif kind == "COMMAND_ACK":
+            self._acks.append((message.command, message.result))
+        elif kind == "PARAM_VALUE":
+            self._params[message.param_id.rstrip("\0")] = message.param_value
+        elif kind == "STATUSTEXT":
+            self.texts.append((self.now, message.text))
+            note(f"  [{self.now:8.2f}] {message.text}")
+        elif kind == "HEARTBEAT" and (not self.modes or self.modes[-1][1] != message.custom_mode):
+            self.modes.append((self.now, message.custom_mode))
+        truth = self.firmware.truth(self, message)
+        if truth is None:
+            return
+        self.longest_pause = max(self.longest_pause, time.monotonic() - self._truth_at)
+        self._truth_at = time.monotonic()
+        self.track.append(truth)
+        if self.on_truth:
+            self.on_truth(truth)
+
+    # ---- the operator
+    def until(self, condition: Callable[[], object], seconds: float, what: str) -> None:
+        """Wait for it, in simulated time."""
+        began, wall = self.now, time.monotonic()
+        while self.now - began < seconds and time.monotonic() - wall < BRING_UP_PATIENCE:
+            self.pump()
+            if condition():
+                return
+        raise NoFlightError(what)
+
+    def rest(self, seconds: float) -> None:
+        began = self.now
+        self.until(lambda: self.now - began >= seconds, seconds + 5, "time stands still")
+
+    def command(self, number: int, *values: float, tries: int = 5) -> int | None:
+        """Its result; None where nobody answers."""
+        values = (*values, *[0.0] * (7 - len(values)))
+        system = self.firmware.system
+        for attempt in range(tries):
+            result = self._answer(number, mavlink.MAVLink_command_long_message(system, 1, number, attempt, *values))
+            if result is not None:
+                return result
+        return None
+
+    def command_at(self, number: int, frame: int, values: tuple[float, ...], x: int, y: int, z: float) -> int | None:
+        """A command with a place."""
+        system = self.firmware.system
+        return self._answer(
+            number, mavlink.MAVLink_command_int_message(system, 1, frame, number, 0, 0, *values, x, y, z)
+        )
+
+    def _answer(self, number: int, message: Any) -> int | None:
+        self._acks.clear()
+        self.send(message)
+        end = time.monotonic() + 1.0
+        while time.monotonic() < end:
+            self.pump()
+            for command, result in self._acks:
+                if command == number and result != IN_PROGRESS:
+                    return result
+        return None
+
+    def set_parameter(self, name: str, value: float, kind: int = mavlink.MAV_PARAM_TYPE_REAL32) -> None:
+        """Until it is confirmed."""
+        for _ in range(8):
+            self._params.pop(name, None)
+            self.send_parameter(name, value, kind)
+            end = time.monotonic() + 0.7
+            while time.monotonic() < end:
+                self.pump()
+                if name in self._params:
+                    return
+        raise NoFlightError(f"parameter {name} was not confirmed")
+
+    def send_parameter(self, name: str, value: float, kind: int = mavlink.MAV_PARAM_TYPE_REAL32) -> None:
+        """Without waiting: in flight the radio must go on."""
+        self.send(mavlink.MAVLink_param_set_message(self.firmware.system, 1, name.encode(), float(value), kind))
+
+    def ask_streams(self, wanted: Mapping[int, float], truth: str, least: float) -> None:
+        """Messages and their Hz, until attitude and truth come that often in two seconds: an autopilot that still boots
+        refuses silently."""
+        for _ in range(20):
+            for number, hertz in wanted.items():
+                self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / hertz, tries=1)
+            self.counts.clear()
+            self.rest(2)
+            if min(self.counts["ATTITUDE"], self.counts[truth]) > least:
+                return
+        raise NoFlightError(f"no {truth}")
+
+    def set_mode(self, mode: int) -> None:
+        """Ask for a mode until the heartbeat shows it."""
+        for _ in range(20):
+            self.firmware.ask_mode(self, mode)
+            began = self.now
+            while self.now - began < 1.5:
+                self.pump()
+                if self.latest["HEARTBEAT"].custom_mode == mode:
+                    return
+        raise NoFlightError(f"mode {mode} was refused")
+
+    def close(self) -> None:
+        """End circnav, then the vehicle."""
+        for process in (self.app, self._process):
+            if process is not None and process.poll() is None:
+                process.send_signal(signal.SIGTERM)
+                try:
+                    process.wait(8)
+                except subprocess.TimeoutExpired:
+                    process.kill()
+                    process.wait()
+        for one in (self._shared, self._own, self._relay):
+            one.close()

@@ -1,0 +1,140 @@
+"""python -m tests.tools.firmware.bound: how well the circles of docs/firmware.md could be held at best.
+
+**Linear guidance** (`best`). PX4's estimate is off, as an oscillator of .32 rad/s, and the vehicle flies by it: the
+emulator's copter, fitted to firmware, by .38 m/s across the circle, its plane by .16. Turbulence of 3 moves
+ArduPilot's plane as gusts of 2.4 m/s that last 3 s. Only the range shows either: .5 m of noise (.15: UWB), at 10 Hz.
+The best linear answer (a Kalman filter and the gains of a quadratic cost, LQG) is given plant, delay and disturbance
+as they are, which no guidance knows. Printed for several costs of turning: RMS of the radius, and standard deviation
+of the turn command. Last in each line the same filter with circnav's gains for that delay, which keep 6 dB and 45 deg
+of margin (tests/guidance/test_margins.py).
+
+**LoRa-like ranges** (`told`): how well they tell the radius of ArduPilot's plane over the last two of 150 s on the
+circle. The Cramer-Rao bound with place, steady wind and airspeed scale unknown, for errors of the own motion, which
+make the drift wander.
+
+**A bank limit** (`squeezed`): the truest lap of a plane in wind that turns no faster than its limit.
+"""
+
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm, solve_discrete_are, solve_discrete_lyapunov
+from scipy.optimize import nnls
+
+from circnav_mav.guidance.vector_field import drift_gains
+from tests.tools.firmware.flight import PRESETS, VEHICLES
+
+STEP = 0.1
+FREQUENCY, DAMPING = 0.32, 0.45
+"""Of the oscillator: rad/s; share of the critical."""
+LASTS = 3.0
+"""How long a gust lasts, s."""
+CASES = {"PX4 copter": (5.0, 0.38, False), "PX4 plane": (10.0, 0.16, False), "Plane, turbulence 3": (22.0, 2.4, True)}
+"""Speed, rms of the disturbance across the circle, m/s, and whether it is a gust."""
+COSTS = 1000.0, 300.0, 100.0, 30.0, 10.0, 3.0
+"""Of (rad/s)^2 of turn command, in m^2."""
+
+
+def best(cost: float | None, *, noise: float, delay: float, case: str = "PX4 copter") -> tuple[float, float]:
+    """RMS of the radius, m, and standard deviation of the turn command, deg/s, of ranges with this noise (m) and a
+    vehicle that turns this much later (s) than it is told. case: one of CASES. cost: of turning; None: with circnav's
+    gains."""
+    speed, across, gust = CASES[case]
+    # radius error, course off the tangent, disturbance (m/s) and its change; then the commands under way
+    motion = np.zeros((5, 5))
+    motion[0, 1:3] = speed, 1.0
+    motion[1, 4] = 1.0
+    if gust:
+        motion[2, 2] = motion[3, 3] = -1 / LASTS
+    else:
+        motion[2, 3] = 1.0
+        motion[3, 2:4] = -(FREQUENCY**2), -2 * DAMPING * FREQUENCY
+    steps = round(delay / STEP)
+    n = 4 + steps
+    F, G, H = np.zeros((n, n)), np.zeros((n, 1)), np.eye(1, n)
+    F[:4, :5] = expm(motion * STEP)[:4]
+    F[range(4, n - 1), range(5, n)] = G[-1] = 1.0
+    Q, S, C = 1e-12 * np.eye(n), np.eye(1) * noise**2, 1e-9 * np.eye(n)
+    driven_at, power = (2, 2 / LASTS) if gust else (3, 4 * DAMPING * FREQUENCY**3)
+    Q[driven_at, driven_at], C[0, 0] = power * across**2 * STEP, 1.0
+    P: NDArray[np.float64] = solve_discrete_are(F.T, H.T, Q, S)
+    K = P @ H.T / (H @ P @ H.T + S)
+    if cost is None:
+        gains = drift_gains(speed, delay, 1 / delay)
+        heading, radial = float(gains.heading), float(gains.radial)
+        # the course asked for is -radial e - disturbance/speed, and its change is fed forward; what is under way counts
+        L = np.zeros((1, n))
+        L[0, :3] = heading * radial, heading + radial * speed, heading / speed + radial
+        L[0, 4:] = (heading + radial * speed) * STEP
+    else:
+        W: NDArray[np.float64] = solve_discrete_are(F, G, C, np.array([[cost]]))
+        L = np.linalg.solve(G.T @ W @ G + cost, G.T @ W @ F)
+    # truth and prediction together; the command goes by the estimate after the range
+    after = np.hstack([K @ H, np.eye(n) - K @ H])
+    both = np.vstack([np.hstack([F, 0 * F]) - G @ L @ after, (F - G @ L) @ after])
+    by_noise = np.vstack([-G @ L @ K, (F - G @ L) @ K])
+    driven = by_noise @ S @ by_noise.T
+    driven[:n, :n] += Q
+    X: NDArray[np.float64] = solve_discrete_lyapunov(both, driven)
+    turn = L @ (after @ X @ after.T + K @ S @ K.T) @ L.T
+    return float(np.sqrt(X[0, 0])), float(np.degrees(np.sqrt(turn[0, 0])))
+
+
+def told(wander: float) -> float:
+    """RMS, m, of the radius that LoRa-like ranges tell on the plane's circle, where the drift wanders with this power
+    density, m^2/s^3."""
+    V, r_d, radio = VEHICLES["plane"].speed, VEHICLES["plane"].radius, PRESETS["lora"]
+    drifting, variance = radio["drift"], radio["noise"] ** 2 / (1 - radio["loss"])
+    keep, lap = np.exp(-STEP / radio["drift_s"]), 2 * np.pi * r_d / V
+    # position, drift, airspeed scale, drifting range error
+    P = np.diag([r_d, r_d, 5.0, 5.0, 0.05, drifting]) ** 2
+    F, Q = np.eye(6), np.diag([0, 0, wander * STEP, wander * STEP, 0, drifting**2 * (1 - keep**2)])
+    F[0, 2] = F[1, 3] = STEP
+    F[5, 5] = keep
+    late = []
+    for time in np.arange(0.0, 150.0, STEP):
+        x, y = np.cos(V * time / r_d), np.sin(V * time / r_d)
+        H = np.array([x, y, 0, 0, 0, 1])
+        P -= np.outer(P @ H, H @ P) / (H @ P @ H + variance)
+        if time > 150.0 - 2 * lap:
+            late.append(H[:2] @ P[:2, :2] @ H[:2])
+        F[0, 4], F[1, 4] = -y * V * STEP, x * V * STEP
+        P = F @ P @ F.T + Q
+    return float(np.sqrt(np.mean(late)))
+
+
+def squeezed(limit: float, *, speed: float = 23.4, wind: float = 5.0, radius: float = 150.0) -> float:
+    """RMS of the radius, m, of the truest lap at this true airspeed in this wind (m/s) that turns no faster than limit
+    (rad/s), linear in the radius error: a least-distance problem (Lawson and Hanson, ch. 23). The defaults are
+    ArduPlane's, as flown: 22 m/s indicated are 23.4."""
+    n = 180
+    angle = 2 * np.pi * np.arange(n) / n
+    nose = np.sqrt(speed**2 - (wind * np.sin(angle)) ** 2)
+    ground = nose + wind * np.cos(angle)
+    turn = ground**2 / (radius * nose)
+    one = np.eye(n)
+    step = 2 * np.pi / n
+    bend = one + (np.roll(one, 1, 1) - 2 * one + np.roll(one, -1, 1)) / step**2
+    slope = (np.roll(one, 1, 1) - np.roll(one, -1, 1)) / (2 * step)
+    # a course that is not the circle's meets the wind at another angle
+    G, h = (turn[:, None] * bend + np.gradient(turn, step)[:, None] * slope) / radius, turn - limit  # G e >= h
+    E, f = np.vstack([G.T, h]), np.eye(n + 1)[-1]
+    rest = E @ nnls(E, f, maxiter=20000)[0] - f
+    error = -rest[:-1] / rest[-1]
+    return float(np.sqrt(np.average(error**2, weights=1 / ground)))
+
+
+def main() -> None:
+    print("noise m, delay s: RMS m at a turn command of deg/s")
+    for case, noise, delay in product(CASES, (0.5, 0.15), (0.4, 0.7, 1.0)):
+        figures = (best(cost, noise=noise, delay=delay, case=case) for cost in (*COSTS, None))
+        print(f"{case}, {noise:4.2f}, {delay:.1f}:", ", ".join(f"{rms:.2f} at {turn:.1f}" for rms, turn in figures))
+    for wander in (0.0, 1e-4, 3e-4, 1e-3):
+        print(f"LoRa-like ranges, drift wanders {wander:g} m^2/s^3: {told(wander):.2f} m")
+    for limit in (0.215, 0.213, 0.21):
+        print(f"plane at 150 m in wind 5, turn limit {limit:.3f} rad/s: {squeezed(limit):.2f} m")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,106 @@
+"""python -m tests.tools.firmware.emulated --results DIR/results.jsonl [--seeds N]: the emulator beside the firmware.
+
+The rows of docs/firmware.md flown on the bundled vehicle in lockstep; median RMS radius error and standard deviation of
+the turn command over the last two laps, and how they compare with flights kept by tests.tools.firmware.table.
+"""
+
+import argparse
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from math import degrees, pi
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+from tests.flight.lockstep import clockwise_turns, flight, rms_error
+from tests.tools.firmware.flight import VEHICLES
+from tests.tools.firmware.table import told
+
+APPROACH = 90.0
+"""Time before the laps that are judged, s."""
+WIND = "sim.wind.speed_mps={}".format
+GUST = "sim.wind.gust_rms_mps={}".format
+"""ArduPilot's turbulence is nearly white: it moves a plane like gusts of 3 s and .7 of its strength (by radius and
+command), a copter, which is held against it, like gusts of .4 of it (by the spread of the ground speed)."""
+TARGET = "sim.target.velocity_north_mps={}".format
+GPS_OFF = 'sim.events=[{at_s=60.0, action="gps_off"}]'
+UWB = 'sim.ranging.preset="uwb"', "sim.ranging.rate_hz=20", "ranging.rate_hz=20", "ranging.sigma_m=0.15"
+LORA = 'sim.ranging.preset="lora"', "ranging.sigma_m=2.24"
+ROWS: dict[str, tuple[str, ...]] = {
+    "Plane R 150 V 22, calm": ("arduplane",),
+    "Plane, wind 5 + turbulence 1": ("arduplane", WIND(5), GUST(0.7)),
+    "Plane, wind 8": ("arduplane", WIND(8)),
+    "Plane, wind 6 + turbulence 3": ("arduplane", WIND(6), GUST(2.1)),
+    "Plane, target at 4 m/s": ("arduplane", TARGET(4)),
+    "Plane, GPS off after 60 s, wind 5 + turbulence 1": ("arduplane", WIND(5), GUST(0.7), GPS_OFF),
+    "Plane, 10 % outliers of 30 m + 30 % loss, wind 5": (
+        "arduplane", WIND(5), "sim.ranging.outlier_fraction=0.1", "sim.ranging.dropout_fraction=0.3"),
+    "Plane, ranges .3 s late, wind 5": ("arduplane", WIND(5), "sim.ranging.latency_s=0.3"),
+    "Plane, LoRa-like ranges, wind 5": ("arduplane", WIND(5), *LORA),
+    "Plane, airspeed 15 % above the mission's": ("arduplane", "sim.vehicle.cruise_speed_mps=25.3"),
+    "Plane, ROLL_LIMIT_DEG 35, wind 5": ("arduplane", WIND(5), "sim.vehicle.max_bank_deg=34.4"),
+    "Copter R 30 V 5, calm": ("arducopter",),
+    "Copter, wind 5 + turbulence 1": ("arducopter", WIND(5), GUST(0.4)),
+    "Copter, target at 1 m/s": ("arducopter", TARGET(1)),
+    "Copter, UWB ranges, wind 5": ("arducopter", WIND(5), *UWB),
+    "Rover R 20 V 3": ("ardurover",),
+    "PX4 copter R 50 V 5, calm": ("px4_copter",),
+    "PX4 copter, wind 3": ("px4_copter", WIND(3)),
+    "PX4 copter, target at 1.1 m/s": ("px4_copter", TARGET(1.1)),
+    "PX4 plane R 60 V 10 by stick, calm": ("px4_plane",),
+    "PX4 plane by stick, wind 2": ("px4_plane", WIND(2)),
+    "PX4 plane by attitude, calm": ("px4_plane_attitude",),
+    "PX4 plane by attitude, wind 2": ("px4_plane_attitude", WIND(2)),
+}  # fmt: skip
+CIRCLES = {one.mission: (one.radius, one.speed) for one in VEHICLES.values()}
+
+
+@dataclass(frozen=True)
+class Flown:
+    """rms: m. turn_sd: deg/s. right: whether it went round as desired."""
+
+    rms: float
+    turn_sd: float
+    right: bool
+
+
+def fly(row: str, seed: int, direction: str = "clockwise", count: int = 2) -> Flown:
+    """One flight of the emulator, of which so many laps are judged."""
+    mission, *changes = ROWS[row]
+    radius, speed = CIRCLES[mission]
+    laps = count * 2 * pi * radius / speed
+    changes.append(f'orbit.direction="{direction}"')
+    circle = f"orbit.radius_m={radius}", f"vehicle.speed_mps={speed}", f"limits.duration_s={APPROACH + laps + 5}"
+    flown = flight(mission, *circle, *changes, f"sim.seed={seed}", law="auto").fly(APPROACH + laps)
+    truths = [truth for truth in flown.truths if truth.time > flown.now - laps]
+    turns = [tick.turn_rate for tick in flown.ticks if tick.time > flown.now - laps and tick.turn_rate is not None]
+    turned = clockwise_turns(truths) if direction == "clockwise" else -clockwise_turns(truths)
+    return Flown(rms_error(truths, radius), degrees(float(np.std(turns))), turned > count / 2)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--results", type=Path, required=True)
+    parser.add_argument("--seeds", type=int, default=3)
+    options = parser.parse_args()
+    kept = told(options.results)
+    print("| flight | RMS m: firmware, emulator | turn sd deg/s: firmware, emulator | emulator over firmware |")
+    print("|---|---|---|---|")
+    jobs = [(row, seed) for row in ROWS for seed in range(1, options.seeds + 1)]
+    with ProcessPoolExecutor() as pool:
+        emulated = dict(zip(jobs, pool.map(fly, *zip(*jobs, strict=True)), strict=True))
+    for row in ROWS:
+        real = [one for (name, _), one in kept.items() if name == row and "failed" not in one]
+        if not real:
+            continue
+        ours = [emulated[row, seed] for seed in range(1, options.seeds + 1)]
+        rms, sd = median(one["rms"] for one in real), median(one["turn_sd"] for one in real)
+        here, here_sd = median(one.rms for one in ours), median(one.turn_sd for one in ours)
+        wrong = "" if all(one.right for one in ours) else ", wrong way round"
+        ratios = f"{here / rms:.1f}, {here_sd / sd:.1f}"
+        print(f"| {row} | {rms:.2f}, {here:.2f} | {sd:.1f}, {here_sd:.1f} | {ratios}{wrong} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,382 @@
+"""python -m tests.tools.firmware.fly VEHICLE [options]:
+
+one flight of the installed circnav on real firmware in simulation.
+
+Prints one line, judged by the simulator's true track, and leaves a run folder: result.json, truth.csv, setpoints.csv,
+mission.toml, circnav/ (its own run folder), circnav.log, firmware.log. Nothing here is shared with circnav, not even a
+sign. Exit code 0: flown and judged, kept or not; 3: the vehicle never came up, or circnav never engaged.
+"""
+
+import argparse
+import csv
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from dataclasses import asdict, astuple, fields
+from datetime import datetime
+from itertools import pairwise
+from math import atan2, degrees, hypot, radians, tan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomlkit
+
+from tests.process import reserved_port
+from tests.tools.firmware import px4, sitl
+from tests.tools.firmware.bench import Bench, Firmware, NoFlightError, Truth, note
+from tests.tools.firmware.flight import BEHIND_ARDUPILOT, Flight, add_options, flight
+from tests.tools.firmware.radio import UP, Radio
+from tests.tools.firmware.score import score
+from tests.tools.firmware.wire import LOOPBACK, G
+
+ENGAGE_PATIENCE = 90.0
+"""Time, s, in which circnav must have engaged."""
+LEAVE_PATIENCE = 30.0
+SLOWEST = 2.0
+"""Real over simulated time at which a flight is given up, whatever its clock says."""
+
+
+def missing(flown: Flight) -> str:
+    """Why it cannot be flown here; empty if it can."""
+    if not flown.baseline and not Path(flown.circnav).is_file():
+        return f"no circnav at {flown.circnav}: install the package, or name one with --circnav"
+    if flown.what.firmware == BEHIND_ARDUPILOT:
+        return sitl.missing(flown.what.kind)
+    return px4.missing()
+
+
+def fly(flown: Flight, folder: Path) -> dict[str, Any]:
+    """Fly it; what came of it, also as result.json in the folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with reserved_port() as app_port, reserved_port() as other_port:
+        ardupilot = flown.what.firmware == BEHIND_ARDUPILOT
+        firmware: Firmware = sitl.ArduPilot(flown, other_port) if ardupilot else px4.Px4(flown)
+        bench = Bench(flown, firmware, folder, app_port)
+        try:
+            result = _flown(flown, bench, folder)
+        except NoFlightError as problem:
+            result = {"failed": str(problem)}
+        finally:
+            bench.close()
+            shutil.rmtree(folder / "firmware", ignore_errors=True)
+    result = {"title": flown.title, "flight": asdict(flown), **result}
+    (folder / "result.json").write_text(json.dumps(result, indent=1) + "\n")
+    return result
+
+
+def _flown(flown: Flight, bench: Bench, folder: Path) -> dict[str, Any]:
+    bench.firmware.bring_up(bench)
+    home = bench.track[0].altitude
+    radio = Radio(bench, home)
+    note(f"  up: {flown.title}, height {bench.truth.altitude - home:.1f} m")
+    bench.longest_pause = 0.0
+    if flown.baseline:
+        radio.stand(*bench.firmware.circle(bench, *radio.target(bench.now)))
+        limit = 0.0
+    else:
+        bench.on_truth = radio.tick
+        limit = _start_circnav(flown, bench, folder, home)
+    began, wall = bench.now, time.monotonic()
+    _loop(flown, bench, began)
+    spent = time.monotonic() - wall
+    engaged, ended = _circled(flown, bench, began)
+    cpu = _cpu(bench)
+    figures = score(flown, bench.track, bench.setpoints, radio.target, engaged=engaged, ended=ended, turn_limit=limit,
+                    home=home)  # fmt: skip
+    _write(folder, bench, radio, engaged)
+    bench.close()
+    return {
+        **figures.plain(),
+        "own": {} if flown.baseline else own_verdict(folder / "circnav", flown.window),
+        "own_position": own_position(flown, bench, began, ended),
+        "takeover": _after_takeover(flown, bench, began),
+        "modes": [(round(at - engaged, 1), mode) for at, mode in bench.modes if at > began - 5],
+        "texts": [(round(at - engaged, 1), text) for at, text in bench.texts if at > began - 5][:30],
+        "ranges": {"sent": radio.sent, "lost": radio.lost},
+        "from_app": dict(bench.from_app),
+        "hidden": bench.hidden,
+        "exit_code": bench.app.returncode if bench.app else None,
+        "cpu": cpu,
+        "real_speedup": round((bench.now - began) / spent, 3),
+        "longest_pause": round(bench.longest_pause, 2),
+    }
+
+
+def _start_circnav(flown: Flight, bench: Bench, folder: Path, home: float) -> float:
+    """Start it on a mission for this flight; the turn limit of that, rad/s."""
+    mission = write_mission(flown, folder / "mission.toml", bench.app_port, home + flown.target_height)
+    command = [flown.circnav, "fly", str(folder / "mission.toml"), "--out", str(folder / "circnav"),
+               *[word for one in flown.set for word in ("--set", one)]]  # fmt: skip
+    log = (folder / "circnav.log").open("wb")
+    bench.relaying = True
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    bench.app = subprocess.Popen(
+        command, stdout=log, stderr=subprocess.STDOUT, cwd=folder, env=environment, start_new_session=True
+    )
+    if "max_turn_rate_deg_s" in mission["vehicle"]:
+        return radians(mission["vehicle"]["max_turn_rate_deg_s"])
+    return G * tan(radians(mission["vehicle"]["max_bank_deg"])) / flown.speed
+
+
+def write_mission(flown: Flight, path: Path, port: int, target_altitude: float) -> dict[str, Any]:
+    """The vehicle's mission file as an operator would fill it in, who knows how high the beacon stands (m above sea
+    level, to a tenth)."""
+    mission = tomlkit.parse((Path(flown.config) / f"{flown.what.mission}.toml").read_text())
+    mission.pop("sim", None)
+    mission["link"].pop("sim_speed", None)
+    mission["link"]["endpoint"] = f"udpin:{LOOPBACK}:{port}"
+    if flown.speedup != 1:
+        mission["link"]["clock"] = "autopilot"
+    mission["vehicle"]["speed_mps"] = flown.speed
+    mission["orbit"]["radius_m"] = flown.radius
+    mission["orbit"]["direction"] = flown.direction
+    mission["orbit"].pop("height_above_target_m", None)
+    mission["orbit"]["target_altitude_m"] = round(target_altitude, 1)
+    sigma = hypot(flown.noise, flown.drift)
+    mission["ranging"] |= {"rate_hz": flown.rate, "sigma_m": sigma, "orientation": UP, "component_id": 192}
+    mission["limits"]["duration_s"] = flown.duration
+    if flown.handback:
+        mission["handback"] = {"enabled": True}
+    if flown.home_s:
+        mission["exit"] = {"action": "rtl"}
+    path.write_text(tomlkit.dumps(mission))
+    return mission.unwrap()
+
+
+def _loop(flown: Flight, bench: Bench, began: float) -> None:
+    """Until circnav has ended, or has not in time."""
+    taken = gps_gone = changed = False
+    sticks = 0.0
+    longest = flown.duration + flown.home_s + (0.0 if flown.baseline else ENGAGE_PATIENCE + LEAVE_PATIENCE)
+    hopeless = time.monotonic() + SLOWEST * longest / flown.speedup
+    while bench.now - began < longest:
+        bench.pump(0.002)
+        if time.monotonic() > hopeless:
+            raise NoFlightError("the simulation hardly runs")
+        since = bench.now - began
+        if flown.takeover is not None and not taken and since > flown.takeover:
+            taken = True
+            bench.firmware.ask_mode(bench, bench.firmware.holding)
+        if flown.gps_off is not None and not gps_gone and since > flown.gps_off:
+            gps_gone = True
+            bench.firmware.without_gps(bench)
+        if flown.wind_change is not None and not changed and since > flown.wind_change[0]:
+            changed = True
+            bench.firmware.wind(bench, *flown.wind_change[1:])
+        if flown.baseline and time.monotonic() > sticks:
+            sticks = time.monotonic() + 0.3 / max(1.0, flown.speedup)
+            bench.firmware.circling(bench)
+        on_the_way = flown.home_s and since < flown.duration + flown.home_s
+        if bench.app and bench.app.poll() is not None and not on_the_way:
+            return
+        if bench.app and since > ENGAGE_PATIENCE and not _in_guided(bench, began):
+            raise NoFlightError("circnav did not engage, see circnav.log")
+
+
+def _in_guided(bench: Bench, began: float) -> list[float]:
+    return [at for at, mode in bench.modes if mode == bench.firmware.guided and at >= began - 1.0]
+
+
+def _circled(flown: Flight, bench: Bench, began: float) -> tuple[float, float]:
+    """From the mode shown to the last setpoint in it, or to the takeover."""
+    if flown.baseline:
+        return began, bench.now
+    entered = _in_guided(bench, began)
+    if not entered or not bench.setpoints:
+        raise NoFlightError("circnav never steered, see circnav.log")
+    left = [at for at, mode in bench.modes if mode != bench.firmware.guided and at > entered[0]]
+    ends = [bench.setpoints[-1].time, *left[-1:]]
+    if flown.takeover is not None:
+        ends.append(began + flown.takeover)
+    return entered[0], min(ends)
+
+
+def _after_takeover(flown: Flight, bench: Bench, began: float) -> dict[str, Any] | None:
+    """Setpoints after the operator's command, and after the heartbeat that showed it, until it was guided again."""
+    if flown.takeover is None:
+        return None
+    asked = began + flown.takeover
+    shown = next((at for at, mode in bench.shown_modes if at > asked and mode != bench.firmware.guided), None)
+    again = next((at for at, mode in bench.shown_modes if shown and at > shown and mode == bench.firmware.guided), 1e9)
+    late = [one.time for one in bench.setpoints if asked < one.time < again]
+    return {
+        "after_command": len(late),
+        "last_after_command_s": round(max(late, default=asked) - asked, 2),
+        "shown_s": None if shown is None else round(shown - asked, 2),
+        "after_shown": None if shown is None else sum(at > shown for at in late),
+    }
+
+
+def own_position(flown: Flight, bench: Bench, began: float, ended: float) -> dict[str, Any] | None:
+    """The autopilot's own position from 10 s after the loss of its GPS on, until the circle ended and on the way home;
+    and how far from home (where it was first seen) it was nearest, and the centre of the circle is that it flies in
+    the end."""
+    if flown.gps_off is None:
+        return None
+    lost = began + flown.gps_off + 10.0
+    late = [one for one in bench.track if one.time > lost]
+    if not late:
+        return None
+    given = Counter[str]()
+    record = bench.folder / "circnav" / "handback.csv"
+    if record.is_file():
+        with record.open() as file:
+            given.update(f"{row['answer']}, by {row['by']}" for row in csv.DictReader(file))
+    return {
+        "circle": own_error(bench, lost, max(lost, ended)),
+        "way_home": own_error(bench, max(lost, ended), bench.now) if flown.home_s else None,
+        "nearest_home": round(min(hypot(true.north - flown.home_away, true.east) for true in late), 1),
+        "circles_off_home": round(_off_home(bench.track, flown.home_away), 1),
+        "given": dict(given),
+    }
+
+
+def own_error(bench: Bench, since: float, until: float) -> dict[str, float] | None:
+    """What the autopilot reports of itself against the truth of the moment that it stamps it with: position, m; the
+    largest step of its velocity error from one report to the next, m/s (by the time of arrival a turn of 3 m/s^2 would
+    look like one of 1 m/s); heading, mean and standard deviation of the error, degrees clockwise."""
+    reported = [one for one in bench.reported if since < one.time < min(until, bench.track[-1].time)]
+    if len(reported) < 2:
+        return None
+    told = np.array([(one.north, one.east, one.v_north, one.v_east, one.heading) for one in reported])
+    true = np.array([(one.time, one.north, one.east, one.v_north, one.v_east, one.yaw) for one in bench.track])
+    true[:, 5] = np.unwrap(true[:, 5])
+    error = told - np.column_stack([np.interp([one.time for one in reported], true[:, 0], way) for way in true.T[1:]])
+    off, step = np.hypot(*error[:, :2].T), np.hypot(*np.diff(error[:, 2:4], axis=0).T)
+    turned = np.degrees(np.remainder(error[:, 4] + np.pi, 2 * np.pi) - np.pi)
+    figures = {
+        "median": np.median(off),
+        "p95": np.percentile(off, 95),
+        "largest": off.max(),
+        "velocity_step": step.max(),
+        "heading": turned.mean(),
+        "heading_sd": turned.std(),
+    }
+    return {name: round(float(value), 2) for name, value in figures.items()}
+
+
+def _off_home(track: list[Truth], away: float) -> float:
+    """Distance from home, `away` north, of the circle that fits the true track of the last 40 s, m."""
+    last = np.array([(true.north, true.east) for true in track if true.time > track[-1].time - 40.0])
+    middle = last.mean(axis=0)
+    at = last - middle
+    north, east, _ = np.linalg.lstsq(np.c_[2 * at, np.ones(len(at))], (at**2).sum(axis=1), rcond=None)[0]
+    return float(hypot(middle[0] + north - away, middle[1] + east))
+
+
+def own_verdict(run: Path, window: float) -> dict[str, Any]:
+    """What circnav itself says: its summary, and from its ticks the laws, the drift it believed, its turn command."""
+    if not (run / "summary.json").is_file():
+        return {"outcome": "no summary"}
+    summary = json.loads((run / "summary.json").read_text())
+    with (run / "ticks.csv").open() as file:
+        ticks = [row for row in csv.DictReader(file) if row["phase"] in ("engaged", "holding")]
+    laws = [row["law"] for row in ticks if row["law"]]
+    late = [row for row in ticks if float(row["time"]) > float(ticks[-1]["time"]) - window] if ticks else []
+    drift = [(float(row["drift_x"]), float(row["drift_y"])) for row in late if row["drift_x"]]
+    x, y = (sum(values) / len(drift) for values in zip(*drift, strict=True)) if drift else (0.0, 0.0)
+    keys = ("outcome", "reason", "settled_s", "radius_mean_m", "radius_rms_error_m", "turn_std_deg_s", "turn_at_limit",
+            "samples_accepted", "samples_rejected")  # fmt: skip
+    return {
+        **{key: summary.get(key) for key in keys},
+        "law_changes": sum(one != other for one, other in pairwise(laws)),
+        "last_law": laws[-1] if laws else "",
+        "drift": [round(x, 2), round(y, 2)] if drift else None,
+        "drift_largest": round(max(hypot(*one) for one in drift), 2) if drift else None,
+        "saturated": round(sum(row["saturated"] == "1" for row in late) / len(late), 3) if late else None,
+    }
+
+
+def _cpu(bench: Bench) -> float | None:
+    """Processor time of circnav, s, where the system tells it."""
+    status = Path(f"/proc/{bench.app.pid}/stat") if bench.app and bench.app.poll() is None else None
+    if status is None or not status.is_file():
+        return None
+    words = status.read_text().rsplit(")", 1)[1].split()
+    return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _write(folder: Path, bench: Bench, radio: Radio, engaged: float) -> None:
+    with (folder / "truth.csv").open("w", newline="") as file:
+        out = csv.writer(file)
+        out.writerow([*(one.name for one in fields(Truth)), "target_north", "target_east"])
+        for row in bench.track:
+            time_, *rest = astuple(row)
+            target = radio.target(row.time)
+            out.writerow([f"{time_ - engaged:.3f}", *(f"{one:.4f}" for one in (*rest, *target))])
+    with (folder / "setpoints.csv").open("w", newline="") as file:
+        out = csv.writer(file)
+        out.writerow(["time", "kind", "turn", "roll"])
+        for one in bench.setpoints:
+            values = ("" if value is None else f"{value:.5f}" for value in (one.turn, one.roll))
+            out.writerow([f"{one.time - engaged:.3f}", one.kind, *values])
+
+
+def line(result: dict[str, Any]) -> str:
+    """A result in one line."""
+    if "failed" in result:
+        return f"{result['title']}: NOT FLOWN: {result['failed']}"
+    own, settled = result["own"], result["settled"]
+    words = [
+        f"{'kept' if result['kept'] else 'NOT KEPT'} {result['direction']}",
+        f"RMS {result['rms']:.2f} m (mean {result['mean']:+.2f}, sd {result['sd']:.2f})",
+        f"settled {settled:.0f} s" if settled is not None else "never settled",
+        f"closest {result['closest']:.1f} m ({result['closest'] / result['flight']['radius']:.2f} R)",
+    ]
+    if result["turn_sd"] is not None:
+        words.append(
+            f"turn sd {result['turn_sd']:.1f} deg/s, {100 * result['turn_at_limit']:.0f} % at limit, "
+            f"varies {result['total_variation']:.0f} deg/s per s"
+        )
+    words.append(f"roll {result['roll'][0]:.0f} .. {result['roll'][1]:.0f}")
+    if own:
+        rms, told = own.get("radius_rms_error_m"), own.get("settled_s")
+        words.append(
+            f"own verdict {own['outcome']}, {'never settled' if told is None else f'settled {told:.0f} s'}"
+            + ("" if rms is None else f", RMS {rms:.2f} m")
+        )
+        words.append(f"{own.get('law_changes', 0)} law changes")
+        if own.get("drift"):
+            x, y = own["drift"]
+            words.append(f"drift {hypot(x, y):.1f} m/s towards {degrees(atan2(x, y)) % 360:.0f}")
+    if position := result.get("own_position"):
+        for where, one in (("circle", position["circle"]), ("way home", position["way_home"])):
+            if one:
+                words.append(
+                    f"own position on the {where} off by {one['median']} / {one['p95']} / {one['largest']} m (median, "
+                    f"95 %, most), velocity step {one['velocity_step']} m/s, heading {one['heading']:+} deg"
+                )
+        words.append(
+            f"given {position['given'] or 'nothing'}, in the end it circles {position['circles_off_home']} m off home"
+        )
+    if result["takeover"]:
+        words.append(f"{result['takeover']['after_shown']} setpoints after the takeover was shown")
+    words.append(f"x{result['real_speedup']:.2f}")
+    return f"{result['title']}: {'; '.join(words)}"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.tools.firmware.fly", description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
+    add_options(parser)
+    parser.add_argument("--out", type=Path, help="run folder [runs/firmware/TIME-VEHICLE-SEED]")
+    options = parser.parse_args(arguments)
+    flown = flight(options)
+    if reason := missing(flown):
+        parser.error(reason)
+    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+    folder = options.out or Path("runs") / "firmware" / f"{stamp}-{flown.vehicle}-{flown.seed}"
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    result = fly(flown, folder.resolve())
+    print(f"{line(result)}; {folder}", flush=True)
+    return 3 if "failed" in result else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

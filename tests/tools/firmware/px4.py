@@ -1,0 +1,155 @@
+"""PX4 SIH (its simulator in hardware's place, built in): quadrotor and airplane, from the checkout or the folder of its
+SITL build in CIRCNAV_PX4. It is an instance of its own, with the ports that its start-up script gives that one.
+"""
+
+import os
+import socket
+import struct
+import subprocess
+from math import cos, nan, radians, sin
+from pathlib import Path
+from typing import Any
+
+from circnav_sim.body import euler
+from pymavlink.dialects.v20 import all as mavlink
+
+from tests.tools.firmware.bench import ACCEPTED, Bench, Firmware, NoFlightError, Truth, note
+from tests.tools.firmware.flight import Flight
+from tests.tools.firmware.wire import LOOPBACK, bound
+
+INSTANCES = range(10)
+"""More share a port."""
+TO_APP, GROUND_STATION = 14540, 18570
+"""Ports of its first instance: where it sends what is for a companion, where it hears a ground station."""
+ALTCTL, OFFBOARD = 2 << 16, 6 << 16
+TAKEOFF, LOITER = 4 << 16 | 2 << 24, 4 << 16 | 3 << 24
+MODEL = {"copter": "sihsim_quadx", "plane": "sihsim_airplane"}
+STREAMS = {
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: 50,
+    mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: 50,
+    mavlink.MAVLINK_MSG_ID_VFR_HUD: 10,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 5,
+}
+
+
+def missing() -> str:
+    """Why it cannot be flown here; empty if it can."""
+    if "CIRCNAV_PX4" not in os.environ:
+        return "CIRCNAV_PX4 (a PX4 checkout with a SITL build, or the folder of one) is not set"
+    return "" if _build() else f"CIRCNAV_PX4: no bin/px4 in {os.environ['CIRCNAV_PX4']}"
+
+
+def _build() -> Path | None:
+    given = Path(os.environ["CIRCNAV_PX4"]).resolve()
+    return next((one for one in (given, given / "build" / "px4_sitl_default") if (one / "bin" / "px4").is_file()), None)
+
+
+class Px4(Firmware):
+    """One of its vehicles."""
+
+    earth = 6371000.0
+
+    def __init__(self, flight: Flight) -> None:
+        self._flight, self._kind = flight, flight.what.kind
+        self.guided = ALTCTL if flight.vehicle == "px4_plane" else OFFBOARD
+        self.holding = LOITER
+        self.shared, self._instance = self._claimed()
+        self.system = self._instance + 1
+        self.own = bound()
+        self.own_peer = LOOPBACK, GROUND_STATION + self._instance
+
+    def _claimed(self) -> tuple[socket.socket, int]:
+        for instance in INSTANCES:
+            try:
+                return bound(TO_APP + instance), instance
+            except OSError:
+                continue
+        raise NoFlightError("no instance of PX4 is free")
+
+    def start(self, folder: Path) -> subprocess.Popen[bytes]:
+        """In a folder of its own, where it keeps its parameters. Of its stock parameters only those are changed that
+        the airplane cannot fly without: as it comes, 489 m above the sea and trimmed for 15 m/s, it stalls."""
+        build = _build()
+        assert build is not None
+        told = {"MIS_TAKEOFF_ALT": self._flight.altitude, "SDLOG_BACKEND": 0}
+        if self._kind == "plane":
+            told["FW_AIRSPD_TRIM"] = self._flight.speed * self._flight.airspeed_off
+        if self._flight.roll_limit is not None:
+            told["FW_R_LIM"] = self._flight.roll_limit
+        environment = {**os.environ, "PX4_SIM_MODEL": MODEL[self._kind], "PX4_HOME_ALT": "0"}
+        environment |= {f"PX4_PARAM_{name}": f"{value:g}" for name, value in told.items()}
+        environment |= {f"PX4_PARAM_{name}": value for name, value in (one.split("=") for one in self._flight.param)}
+        if self._flight.speedup != 1:
+            environment["PX4_SIM_SPEED_FACTOR"] = f"{self._flight.speedup:g}"
+        scratch = folder / "firmware"
+        scratch.mkdir()
+        return subprocess.Popen(
+            [str(build / "bin" / "px4"), "-i", str(self._instance), "-d", str(build / "etc")],
+            cwd=scratch, env=environment, stdin=subprocess.DEVNULL, stdout=(folder / "firmware.log").open("wb"),
+            stderr=subprocess.STDOUT, start_new_session=True,
+        )  # fmt: skip
+
+    def truth(self, bench: Bench, message: Any) -> Truth | None:
+        """From HIL_STATE_QUATERNION, which carries SIH's own state."""
+        if message.get_type() != "HIL_STATE_QUATERNION" or not message.lat:
+            return None
+        north, east = self.metres(message.lat, message.lon)
+        roll, _, yaw = euler(message.attitude_quaternion)
+        air = bench.latest.get("VFR_HUD")
+        return Truth(bench.now, north, east, message.alt / 1000, message.vx / 100, message.vy / 100, message.vz / 100,
+                     roll, yaw, air.airspeed if air else nan)  # fmt: skip
+
+    def bring_up(self, bench: Bench) -> None:
+        """Into the air, in LOITER."""
+        bench.until(lambda: bench.heard, 60, "no heartbeat")
+        bench.ask_streams(STREAMS, "HIL_STATE_QUATERNION", 50)
+        bench.until(lambda: "GLOBAL_POSITION_INT" in bench.latest, 60, "no position")
+        bench.rest(5)
+        home, began = bench.truth.altitude, bench.now
+        while bench.truth.altitude < home + 1.0:
+            if bench.now - began > 120:
+                raise NoFlightError("it did not take off")
+            bench.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, nan, nan, nan, nan, tries=1)
+            if bench.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1, tries=1) == ACCEPTED:
+                bench.rest(8)
+        high = home + self._flight.altitude - (1.0 if self._kind == "copter" else 5.0)
+        bench.until(lambda: bench.truth.altitude > high, 120, "it did not climb")
+        bench.set_mode(LOITER)
+        self.weather(bench)
+        bench.rest(15)
+
+    def weather(self, bench: Bench) -> None:
+        """From now on. SIH adds its wind to the velocity over ground: it names where the wind comes from."""
+        if self._flight.turbulence:
+            note("  SIH has no turbulence")
+        if self._flight.wind:
+            self.wind(bench, self._flight.wind, self._flight.wind_from)
+
+    def wind(self, bench: Bench, speed: float, from_: float) -> None:
+        """In m/s, from so many degrees."""
+        bench.send_parameter("SIH_WIND_N", speed * cos(radians(from_)))
+        bench.send_parameter("SIH_WIND_E", speed * sin(radians(from_)))
+
+    def without_gps(self, bench: Bench) -> None:
+        """No satellite from now on. An integer travels as its bytes."""
+        (none,) = struct.unpack("<f", struct.pack("<i", 0))
+        bench.send_parameter("SIM_GPS_USED", none, mavlink.MAV_PARAM_TYPE_INT32)
+
+    def ask_mode(self, bench: Bench, mode: int) -> None:
+        """Once, without waiting."""
+        main, sub = mode >> 16 & 0xFF, mode >> 24
+        bench.send(
+            mavlink.MAVLink_command_long_message(
+                self.system, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, main, sub, 0, 0, 0, 0
+            )
+        )
+
+    def circle(self, bench: Bench, north: float, east: float) -> tuple[float, float]:
+        """Its own GPS circle round that place. Returns the centre."""
+        flight, (x, y) = self._flight, self.degrees_e7(north, east)
+        values = (flight.radius if flight.clockwise else -flight.radius, flight.speed, 0.0, nan)
+        result = bench.command_at(
+            mavlink.MAV_CMD_DO_ORBIT, mavlink.MAV_FRAME_GLOBAL, values, x, y, bench.truth.altitude
+        )
+        note(f"  DO_ORBIT: result {result}")
+        return north, east

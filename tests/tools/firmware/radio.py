@@ -1,0 +1,76 @@
+"""The ranging radio: slant ranges to the hidden target, spoiled by a seeded error model, as DISTANCE_SENSOR."""
+
+from collections import deque
+from math import cos, exp, hypot, radians, sin, sqrt
+
+import numpy as np
+from pymavlink.dialects.v20 import all as mavlink
+
+from tests.tools.firmware.bench import Bench, Truth
+
+UP = 24
+"""Orientation of the sensor: nothing else of the vehicle looks there."""
+FROM_OUTSIDE = 2.5
+"""Radii from the target where nothing else is said."""
+LONGEST_CM, UNKNOWN_COVARIANCE, SENSOR_ID = 65000, 255, 7
+
+
+class Radio:
+    """It stands on the vehicle; the target starts where the flight says, seen from the vehicle's nose, and moves."""
+
+    def __init__(self, bench: Bench, home_altitude: float) -> None:
+        self._bench, self._flight = bench, bench.flight
+        self._random = np.random.default_rng(self._flight.seed)
+        self._next, self._waiting = 0.0, deque[tuple[float, float, float]]()
+        self._wander = self._flight.drift * self._random.standard_normal()
+        self.sent = self.lost = 0
+        self.altitude = home_altitude + self._flight.target_height
+        here, bearing = bench.truth, bench.truth.yaw + radians(self._flight.start_bearing)
+        self._began = here.time
+        away = self._flight.start_range or FROM_OUTSIDE * self._flight.radius
+        self.stand(here.north + away * cos(bearing), here.east + away * sin(bearing))
+
+    def stand(self, north: float, east: float) -> None:
+        """Put the target's start there."""
+        self._north, self._east = north, east
+
+    def target(self, time: float) -> tuple[float, float]:
+        """Where it is."""
+        way, course = self._flight.target_speed * (time - self._began), radians(self._flight.target_course)
+        return self._north + way * cos(course), self._east + way * sin(course)
+
+    def tick(self, truth: Truth) -> None:
+        """Measure when it is time to, and send what is due."""
+        flight, period = self._flight, 1.0 / self._flight.rate
+        if truth.time >= self._next:
+            self._next = max(self._next + period, truth.time - period)
+            measured = self._measured(truth, period)
+            if self._random.random() < flight.loss:
+                self.lost += 1
+            else:
+                self._waiting.append((truth.time + flight.delay, truth.time, measured))
+        while self._waiting and self._waiting[0][0] <= truth.time:
+            _, stamp, measured = self._waiting.popleft()
+            self._send(truth.time if flight.delay else stamp, measured)
+
+    def _measured(self, truth: Truth, period: float) -> float:
+        flight, draw = self._flight, self._random.standard_normal
+        if flight.drift:
+            keep = exp(-period / flight.drift_s)
+            self._wander = keep * self._wander + flight.drift * sqrt(1 - keep * keep) * draw()
+        north, east = self.target(truth.time)
+        slant = hypot(truth.north - north, truth.east - east, truth.altitude - self.altitude)
+        slant += self._wander + flight.noise * draw()
+        if self._random.random() < flight.outliers:
+            slant += flight.outlier_size * self._random.random() * (1 if self._random.random() < 0.8 else -1)
+        return max(slant, 0.0)
+
+    def _send(self, stamp: float, measured: float) -> None:
+        self.sent += 1
+        centimetres = round(measured * 100)
+        quality = 100 if centimetres <= LONGEST_CM else 1
+        message = mavlink.MAVLink_distance_sensor_message(
+            round(stamp * 1000), 20, LONGEST_CM, min(centimetres, 65535), mavlink.MAV_DISTANCE_SENSOR_RADAR, SENSOR_ID,
+            UP, UNKNOWN_COVARIANCE, 0.0, 0.0, (0.0,) * 4, quality,
+        )  # fmt: skip
+        self._bench.send(message, self._bench.radio)

@@ -1,0 +1,186 @@
+"""ArduPilot SITL: `arduplane`, `arducopter`, `ardurover` from the folder in CIRCNAV_ARDUPILOT, on loopback links.
+
+Their stock parameters come with the sources: from the checkout that the binaries lie in, or the folder in
+CIRCNAV_ARDUPILOT_PARAMS (plane.parm, copter.parm, rover.parm).
+"""
+
+import os
+import subprocess
+from pathlib import Path
+from typing import Any
+
+from pymavlink.dialects.v20 import all as mavlink
+
+from tests.tools.firmware.bench import ACCEPTED, Bench, Firmware, NoFlightError, Truth, note
+from tests.tools.firmware.flight import Flight, circle_rate
+from tests.tools.firmware.wire import LOOPBACK, bound
+
+HOME = "-35.363261,149.165230,584,353"
+POSITION_KNOWN = 0x13
+"""EKF_STATUS_REPORT: attitude, horizontal velocity, absolute horizontal position."""
+TAKEOFF = 13
+GUIDED = {"plane": 15, "copter": 4, "rover": 15}
+HOLDING = {"plane": 12, "copter": 17, "rover": 4}
+CIRCLE = {"copter": 7, "rover": 9}
+
+
+def missing(kind: str) -> str:
+    """Why this kind of vehicle cannot be flown here; empty if it can."""
+    folder = os.environ.get("CIRCNAV_ARDUPILOT", "")
+    if not folder:
+        return "CIRCNAV_ARDUPILOT (folder with arduplane, arducopter, ardurover) is not set"
+    if not (Path(folder) / f"ardu{kind}").is_file():
+        return f"CIRCNAV_ARDUPILOT: no ardu{kind} in {folder}"
+    return "" if _parameters(kind) else f"no {kind}.parm found: set CIRCNAV_ARDUPILOT_PARAMS"
+
+
+def _parameters(kind: str) -> Path | None:
+    folders = [Path(os.environ["CIRCNAV_ARDUPILOT_PARAMS"])] if "CIRCNAV_ARDUPILOT_PARAMS" in os.environ else []
+    for parent in Path(os.environ["CIRCNAV_ARDUPILOT"]).resolve().parents:
+        folders += [parent / "Tools" / "autotest" / "default_params", parent / "Tools" / "autotest" / "models"]
+    return next((folder / f"{kind}.parm" for folder in folders if (folder / f"{kind}.parm").is_file()), None)
+
+
+class ArduPilot(Firmware):
+    """One of its vehicles."""
+
+    earth, system = 6378100.0, 1
+
+    def __init__(self, flight: Flight, rc_port: int) -> None:
+        self._flight, self._kind, self._rc_port = flight, flight.what.kind, rc_port
+        self.guided, self.holding = GUIDED[self._kind], HOLDING[self._kind]
+        self.shared, self.own = bound(), bound()
+
+    def start(self, folder: Path) -> subprocess.Popen[bytes]:
+        """In a folder of its own, where it keeps its parameters and logs."""
+        binary = Path(os.environ["CIRCNAV_ARDUPILOT"]).resolve() / f"ardu{self._kind}"
+        model = {"plane": "plane", "copter": "+", "rover": "rover"}[self._kind]
+        shared, own = (one.getsockname()[1] for one in (self.shared, self.own))
+        command = [
+            str(binary), "--model", model, "--speedup", f"{self._flight.speedup:g}", "--home", HOME,
+            "--defaults", str(_parameters(self._kind)), "-I0", "--sim-address", LOOPBACK,
+            "--rc-in-port", str(self._rc_port),
+            "--serial0", f"udpclient:{LOOPBACK}:{shared}", "--serial1", f"udpclient:{LOOPBACK}:{own}",
+            *[word for number in (2, 5, 6, 7, 8) for word in (f"--serial{number}", "none:")],
+        ]  # fmt: skip
+        log = (folder / "firmware.log").open("wb")
+        scratch = folder / "firmware"
+        scratch.mkdir()
+        return subprocess.Popen(command, cwd=scratch, stdout=log, stderr=subprocess.STDOUT, start_new_session=True)
+
+    def truth(self, bench: Bench, message: Any) -> Truth | None:
+        """From SIM_STATE."""
+        if message.get_type() != "SIM_STATE":
+            return None
+        north, east = self.metres(message.lat_int, message.lon_int)
+        air = bench.latest.get("VFR_HUD")
+        return Truth(bench.now, north, east, message.alt, message.vn, message.ve, message.vd, message.roll, message.yaw,
+                     air.airspeed if air else float("nan"))  # fmt: skip
+
+    def bring_up(self, bench: Bench) -> None:
+        """Into the air, holding."""
+        flight = self._flight
+        bench.until(lambda: bench.heard, 60, "no heartbeat")
+        self._streams(bench)
+        for one in self._chosen():
+            name, value = one.split("=")
+            bench.set_parameter(name, float(value))
+        bench.until(lambda: self._positioned(bench), 90, "the EKF has no position")
+        self._streams(bench)
+        if self._kind == "plane":
+            bench.set_parameter("TKOFF_ALT", flight.altitude)
+        bench.set_mode(TAKEOFF if self._kind == "plane" else self.guided)
+        self._arm(bench)
+        if self._kind == "copter":
+            bench.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, flight.altitude)
+            bench.until(lambda: self._height(bench) > flight.altitude - 0.5, 60, "it did not take off")
+        elif self._kind == "plane":
+            bench.until(lambda: self._height(bench) > flight.altitude - 5, 90, "it did not take off")
+            bench.set_mode(self.holding)
+        if flight.home_away:
+            self._move_home(bench)
+        self.weather(bench)
+        bench.rest(15 if self._kind == "plane" else 5)
+        bench.set_mode(self.holding)
+
+    def _move_home(self, bench: Bench) -> None:
+        x, y = self.degrees_e7(self._flight.home_away, 0.0)
+        frame, values = mavlink.MAV_FRAME_GLOBAL, (0.0, 0.0, 0.0, 0.0)
+        if bench.command_at(mavlink.MAV_CMD_DO_SET_HOME, frame, values, x, y, bench.track[0].altitude) != ACCEPTED:
+            raise NoFlightError("home was not moved")
+
+    def _chosen(self) -> list[str]:
+        flight, chosen = self._flight, []
+        if self._kind == "plane" and (flight.speed, flight.airspeed_off) != (flight.what.speed, 1.0):
+            chosen.append(f"AIRSPEED_CRUISE={flight.speed * flight.airspeed_off}")
+        if flight.roll_limit is not None:
+            chosen.append(f"ROLL_LIMIT_DEG={flight.roll_limit}")
+        return [*chosen, *flight.param]
+
+    def _arm(self, bench: Bench) -> None:
+        began = bench.now
+        while bench.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1, tries=1) != ACCEPTED:
+            bench.rest(1.0)
+            if bench.now - began > 90:
+                raise NoFlightError("arming was refused")
+
+    def _positioned(self, bench: Bench) -> bool:
+        report = bench.latest.get("EKF_STATUS_REPORT")
+        return report is not None and report.flags & POSITION_KNOWN == POSITION_KNOWN
+
+    def _height(self, bench: Bench) -> float:
+        here = bench.latest.get("GLOBAL_POSITION_INT")
+        return here.relative_alt / 1000 if here else -1e9
+
+    def _streams(self, bench: Bench) -> None:
+        """Truth at 50 Hz; plane and rover 25: their main loop runs at 50."""
+        often = 50 if self._kind == "copter" else 25
+        wanted = {mavlink.MAVLINK_MSG_ID_ATTITUDE: often, mavlink.MAVLINK_MSG_ID_SIM_STATE: often,
+                  mavlink.MAVLINK_MSG_ID_VFR_HUD: 10, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 5,
+                  mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 2}  # fmt: skip
+        bench.ask_streams(wanted, "SIM_STATE", 1.2 * often)
+
+    def weather(self, bench: Bench) -> None:
+        """From now on."""
+        flight = self._flight
+        if flight.wind or flight.turbulence:
+            self.wind(bench, flight.wind, flight.wind_from)
+            bench.send_parameter("SIM_WIND_TURB", flight.turbulence)
+
+    def wind(self, bench: Bench, speed: float, from_: float) -> None:
+        """In m/s, from so many degrees."""
+        bench.send_parameter("SIM_WIND_DIR", from_)
+        bench.send_parameter("SIM_WIND_SPD", speed)
+
+    def without_gps(self, bench: Bench) -> None:
+        """No reception from now on."""
+        bench.send_parameter("SIM_GPS_DISABLE", 1)
+
+    def ask_mode(self, bench: Bench, mode: int) -> None:
+        """Once, without waiting."""
+        bench.send(mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, mode, 0, 0, 0, 0, 0))
+
+    def circle(self, bench: Bench, north: float, east: float) -> tuple[float, float]:
+        """Its own GPS circle: a plane's round that place, of others round where they stand. Returns the centre."""
+        flight, sign = self._flight, 1 if self._flight.clockwise else -1
+        if self._kind == "plane":
+            x, y = self.degrees_e7(north, east)
+            bench.set_parameter("WP_LOITER_RAD", sign * flight.radius)
+            values = (-1.0, 1.0, flight.radius, 0.0 if flight.clockwise else 1.0)
+            frame = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT
+            result = bench.command_at(mavlink.MAV_CMD_DO_REPOSITION, frame, values, x, y, flight.altitude)
+            note(f"  DO_REPOSITION: result {result}")
+            return north, east
+        told = {"CIRCLE_RADIUS": flight.radius * 100, "CIRCLE_RATE": circle_rate(flight), "CIRCLE_OPTIONS": 6}
+        if self._kind == "rover":
+            told = {"CIRC_RADIUS": flight.radius, "CIRC_SPEED": flight.speed, "CIRC_DIR": 0 if flight.clockwise else 1}
+        for name, value in told.items():
+            bench.set_parameter(name, value)
+        bench.set_mode(self.guided)
+        bench.set_mode(CIRCLE[self._kind])
+        return bench.truth.north, bench.truth.east
+
+    def circling(self, bench: Bench) -> None:
+        """A copter's CIRCLE reads the throttle stick: keep it centred."""
+        if self._kind == "copter":
+            bench.send(mavlink.MAVLink_rc_channels_override_message(1, 1, 1500, 1500, 1500, 1500, *[65535] * 4))

@@ -1,0 +1,157 @@
+"""The judge on tracks and frames made by hand; and, where there is a binary, a flight on real firmware."""
+
+import json
+import subprocess
+from dataclasses import astuple, replace
+from math import cos, hypot, nan, pi, radians, sin, tan
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from tests.tools.firmware import table
+from tests.tools.firmware.bench import Reported, Truth
+from tests.tools.firmware.flight import VEHICLES, Flight
+from tests.tools.firmware.fly import fly, missing, own_position
+from tests.tools.firmware.score import score
+from tests.tools.firmware.wire import Setpoint, frames, mode_shown, setpoint
+
+SITTING = (1000.0, -500.0)
+"""Where the target is, m north and east."""
+
+
+PLANE = Flight("plane", 150.0, 22.0, 80.0, 240.0)
+
+
+def straight_in_and_round(flight: Flight, radius: float, *, clockwise: bool, seconds: float) -> list[Truth]:
+    """From 375 m north of the target straight to the circle, then round it."""
+    track, sense = [], 1 if clockwise else -1
+    for tick in range(round(seconds * 25)):
+        time = tick / 25
+        away = max(radius, 375.0 - flight.speed * time)
+        angle = sense * max(0.0, flight.speed * time - (375.0 - radius)) / radius
+        north, east = SITTING[0] + away * cos(angle), SITTING[1] + away * sin(angle)
+        course = angle + sense * pi / 2
+        speeds = flight.speed * cos(course), flight.speed * sin(course)
+        track.append(Truth(time, north, east, 660.0, *speeds, 0.0, sense * radians(20), course, 22.0))
+    return track
+
+
+@pytest.mark.parametrize("clockwise", [True, False])
+def test_a_circle_two_metres_wide_is_kept_and_settled_when_it_reaches_the_band(clockwise: bool) -> None:
+    track = straight_in_and_round(PLANE, 152.0, clockwise=clockwise, seconds=200.0)
+    turns = [Setpoint(tick / 20, "SET_ATTITUDE_TARGET", radians(6.0 + 2 * (-1) ** tick), None, True)
+             for tick in range(4000)]  # fmt: skip
+    told = score(PLANE, track, turns, lambda _: SITTING, engaged=0.0, ended=200.0, turn_limit=radians(8.0), home=584.0)
+    assert (told.kept, told.direction) == (True, "clockwise" if clockwise else "counterclockwise")
+    assert (told.rms, told.mean, told.sd) == pytest.approx((2.0, 2.0, 0.0), abs=0.01)
+    assert told.settled == pytest.approx((375.0 - 157.5) / 22.0, abs=0.1)
+    assert (told.closest, told.led_away) == pytest.approx((152.0, 0.0), abs=0.1)
+    assert (told.turn_sd, told.turn_at_limit) == pytest.approx((2.0, 0.5), abs=0.01)
+    assert told.total_variation == pytest.approx(4.0 * 20, rel=0.01)
+    there = (SITTING[0] + 40.0, SITTING[1])
+    told = score(PLANE, track, [], lambda _: there, engaged=0.0, ended=200.0, turn_limit=1.0, home=584.0)
+    assert (told.kept, told.settled, told.turn_sd) == (False, None, None), "round another place"
+
+
+def test_the_autopilots_own_position_is_judged_on_the_circle_and_on_the_way_home_by_its_own_stamps(
+    tmp_path: Path,
+) -> None:
+    """5 m off on the circle, 50 m on the way home, where the heading is 3 deg off; once its velocity jumps by .4 m/s.
+    Its reports lie between the truths: by the nearest one of those a turn of 3.2 m/s^2 is a velocity that jumps."""
+    flight = replace(PLANE, gps_off=20.0, home_s=60.0)
+    track = straight_in_and_round(PLANE, 150.0, clockwise=True, seconds=130.0)
+    times, true = np.arange(20.0, 129.0, 0.21), np.array([astuple(one) for one in track])
+    ways = (true[:, 1], true[:, 2], true[:, 4], true[:, 5], np.unwrap(true[:, 8]))
+    north, east, v_north, v_east, yaw = (np.interp(times, true[:, 0], way) for way in ways)
+    home = times >= 80.0
+    north, east = north + np.where(home, 30.0, 3.0), east + np.where(home, 40.0, 4.0)
+    v_east, yaw = v_east + np.where(times > 50, 0.4, 0.0), yaw + np.where(home, radians(3.0), 0.0)
+    told = zip(times, north, east, v_north, v_east, yaw % (2 * pi), strict=True)
+    reported = [Reported(*map(float, one)) for one in told]
+    bench = SimpleNamespace(track=track, reported=reported, folder=tmp_path, now=130.0)
+    found = own_position(flight, bench, 0.0, 80.0)
+    assert found is not None
+    circle, way = found["circle"], found["way_home"]
+    assert (circle["median"], circle["largest"], circle["heading"]) == pytest.approx((5.0, 5.0, 0.0), abs=0.05)
+    assert circle["velocity_step"] == pytest.approx(0.4, abs=0.05) and way["velocity_step"] < 0.05
+    assert (way["median"], way["p95"], way["heading"]) == pytest.approx((50.0, 50.0, 3.0), abs=0.05)
+    assert found["circles_off_home"] == pytest.approx(hypot(*SITTING), abs=0.5)
+
+
+def test_what_a_setpoint_commands_is_clockwise_positive() -> None:
+    half = radians(30.0) / 2
+    roll = mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0xC6, [cos(half), sin(half), 0, 0], 0, 0, nan, 0)
+    yaw = mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 8, 0x5C7, *[0.0] * 9, 0.0, -0.2)
+    stick = mavlink.MAVLink_manual_control_message(1, 0, 500, 500, 0, 0)
+    told = [setpoint(one, 3.0, 20.0) for one in (roll, yaw, stick)]
+    turns = [one.turn for one in told if one is not None]
+    assert turns == pytest.approx([9.80665 * tan(radians(30)) / 20, -0.2, 9.80665 * tan(radians(25)) / 20])
+    assert [one.finite for one in told if one is not None] == [False, True, True]
+    assert setpoint(mavlink.MAVLink_heartbeat_message(0, 0, 0, 0, 0, 3), 3.0, 20.0) is None
+
+
+def test_frames_are_cut_from_a_datagram_and_the_mode_is_read() -> None:
+    vehicle = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    beat = mavlink.MAVLink_heartbeat_message(2, 3, 81, 0x04030000, 4, 3)
+    position = mavlink.MAVLink_global_position_int_message(1, 2, 3, 4, 5, 6, 7, 8, 9)
+    for old in (False, True):
+        datagram = b"".join(one.pack(vehicle, force_mavlink1=old) for one in (beat, position, beat))
+        cut = list(frames(datagram))
+        assert [number for number, _ in cut] == [0, 33, 0]
+        assert b"".join(frame for _, frame in cut) == datagram
+        assert [mode_shown(*one) for one in cut] == [0x04030000, None, 0x04030000]
+
+
+def test_the_table_flies_only_what_is_missing_and_tells_the_median(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flown = []
+
+    def fly_one(command: list[str], **_: object) -> None:
+        flown.append(command)
+        seed = int(command[command.index("--seed") + 1])
+        settled = {"settled_s": None} if seed == 3 else {"settled_s": 10.0}
+        result = {
+            "title": "plane", "flight": {"seed": seed, "radius": 150.0, "direction": "clockwise"}, "rms": seed / 10,
+            "mean": 0.0, "sd": 0.0, "kept": seed != 2, "direction": "clockwise", "turn_sd": 3.0, "settled": 9.0,
+            "turn_at_limit": 0.01, "total_variation": 1.0, "roll": [0, 1], "closest": 120.0 + seed, "led_away": 0.0,
+            "own": {"outcome": "completed", **settled}, "takeover": None, "real_speedup": 1.0, "longest_pause": 0.1,
+        }  # fmt: skip
+        folder = tmp_path / command[-1]
+        folder.mkdir()
+        (folder / "result.json").write_text(json.dumps(result))
+
+    monkeypatch.setattr(subprocess, "run", fly_one)
+    monkeypatch.setattr(table, "APART", 0.0)
+    row = table.ROWS[1]
+    for seeds, flights in ((1, 1), (3, 3), (3, 3)):
+        table.fly_all([row], seeds, 2, tmp_path, ["--altitude", "60"], lambda _: None)
+        assert len(flown) == flights
+    assert all(command[3:8] == ["plane", "--wind", "5", "--turbulence", "1"] for command in flown)
+    lines = list(table.table([row], table.told(tmp_path / "results.jsonl")))
+    assert "0.20 (0.10 .. 0.30)" in lines[1]
+    assert "| 2 of 3 | 10, 2 of 3; truth disagrees in 1 | 0.81 |" in lines[1]
+
+
+def test_the_table_of_the_page_is_that_of_the_flights_beside_it(tmp_path: Path) -> None:
+    flown = table.told(table.PAGE.with_suffix(".jsonl"))
+    assert "\n".join(table.table(list(table.ROWS), flown)) in table.PAGE.read_text()
+    table.keep(flown, tmp_path / "page.md")
+    assert (tmp_path / "page.jsonl").read_text() == table.PAGE.with_suffix(".jsonl").read_text()
+
+
+@pytest.mark.parametrize("vehicle", ["rover", "px4_copter"])
+def test_installed_circnav_circles_on_real_firmware_until_the_operator_takes_it(tmp_path: Path, vehicle: str) -> None:
+    what = VEHICLES[vehicle]
+    lap = 2 * pi * what.radius / what.speed
+    flight = Flight(vehicle, what.radius, what.speed, what.altitude, 3.3 * lap, "counterclockwise", takeover=3 * lap)
+    if reason := missing(flight):
+        pytest.skip(reason)
+    result = fly(flight, tmp_path)
+    assert "failed" not in result, result
+    assert (result["kept"], result["direction"]) == (True, "counterclockwise"), result
+    assert result["takeover"]["after_shown"] == 0
+    assert result["not_finite"] == 0

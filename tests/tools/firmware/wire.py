@@ -1,0 +1,89 @@
+"""MAVLink frames on loopback sockets: cutting datagrams into frames, and what a setpoint commands."""
+
+import socket
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import isfinite, radians, tan
+from typing import Any
+
+from circnav_sim.body import euler
+from pymavlink.dialects.v20 import all as mavlink
+
+G = 9.80665
+FULL_STICK_BANK = radians(50.0)
+LOOPBACK = "127.0.0.1"
+POSITIONS = frozenset({24, 32, 33, 49, 63, 104, 108, 113, 114, 115, 124, 164, 178, 182, 230, 242})
+"""Messages that tell where the vehicle is, raw or estimated, or how fast over ground: circnav shall not see them."""
+SETPOINTS = ("SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT",
+             "MANUAL_CONTROL", "RC_CHANNELS_OVERRIDE")  # fmt: skip
+YAW_RATE_IGNORED = {"SET_ATTITUDE_TARGET": 4, "SET_POSITION_TARGET_LOCAL_NED": 2048}
+
+
+@dataclass(frozen=True)
+class Setpoint:
+    """time: simulated, s. turn: commanded, rad/s, clockwise positive; None where it commands none."""
+
+    time: float
+    kind: str
+    turn: float | None
+    roll: float | None
+    finite: bool
+
+
+def bound(port: int = 0) -> socket.socket:
+    """A socket of this machine only."""
+    one = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    one.bind((LOOPBACK, port))
+    one.setblocking(False)
+    return one
+
+
+def frames(datagram: bytes) -> Iterator[tuple[int, bytes]]:
+    """Message id and bytes of every MAVLink frame in a datagram, without decoding."""
+    at = 0
+    while at + 8 <= len(datagram):
+        if datagram[at] == 0xFD and at + 12 <= len(datagram):
+            size = 12 + datagram[at + 1] + (13 if datagram[at + 2] & 1 else 0)
+            yield int.from_bytes(datagram[at + 7 : at + 10], "little"), datagram[at : at + size]
+        elif datagram[at] == 0xFE:
+            size = 8 + datagram[at + 1]
+            yield datagram[at + 5], datagram[at : at + size]
+        else:
+            size = 1
+        at += size
+
+
+def mode_shown(number: int, frame: bytes) -> int | None:
+    """The custom mode in an autopilot's HEARTBEAT; None for any other frame."""
+    component, payload = (6, 10) if frame[0] == 0xFD else (4, 6)
+    if number != 0 or frame[component] != mavlink.MAV_COMP_ID_AUTOPILOT1:
+        return None
+    return int.from_bytes(frame[payload : payload + 4], "little")
+
+
+def setpoint(message: Any, time: float, speed: float) -> Setpoint | None:
+    """What a message of circnav commands, None if it is no setpoint. A bank counts as its coordinated turn."""
+    kind = message.get_type()
+    if kind not in SETPOINTS:
+        return None
+    roll = _roll(message)
+    turn = None
+    if not (kind in YAW_RATE_IGNORED and message.type_mask & YAW_RATE_IGNORED[kind]):
+        turn = getattr(message, "yaw_rate", getattr(message, "body_yaw_rate", None))
+    if turn is None and roll is not None:
+        turn = G * tan(roll) / speed
+    values = [value for value in message.to_dict().values() if isinstance(value, float)]
+    return Setpoint(time, kind, turn, roll, all(map(isfinite, values)))
+
+
+def _roll(message: Any) -> float | None:
+    if message.get_type() == "SET_ATTITUDE_TARGET":
+        return euler(message.q)[0]
+    return message.y / 1000 * FULL_STICK_BANK if message.get_type() == "MANUAL_CONTROL" else None
+
+
+def parser() -> mavlink.MAVLink:
+    """One that skips bad bytes."""
+    one = mavlink.MAVLink(None)
+    one.robust_parsing = True
+    return one
