@@ -59,7 +59,6 @@ class DriftEstimator(Estimator):
         return None if np.isnan(self.bank.nis[0]) else float(self.bank.nis[0])
 
     def move(self, motion: OwnMotion) -> None:
-        self.bank.search()
         self._path.move(motion)
 
     def observe(self, sample: RangeSample) -> Fused:
@@ -96,7 +95,7 @@ class DriftEstimator(Estimator):
 
     def at(self, time: float) -> RangeEstimate | None:
         # One step of the flight asks for the estimate before its setpoint. A search takes some milliseconds, so it goes
-        # on when the next input or a later moment comes.
+        # on with the next range, or when an estimate of a later moment is asked for.
         if self._asked is not None and time > self._asked:
             self.bank.search()
         self._asked = time if self._asked is None else self._asked
