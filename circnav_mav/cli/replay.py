@@ -248,8 +248,7 @@ def _say_who(sources: LogSources, adapter: Autopilot) -> None:
             click.echo(f"  {title:<10} {'; '.join(said)}")
     if candidates := sources.candidates:
         keys = " or ".join(sources.distinguishing_keys)
-        mixed = sum(ranging[candidate].taken > 0 for candidate in candidates) > 1
-        done = "their ranges were mixed" if mixed else "the first heard was taken"
+        done = "none is used beside another" if sources.ambiguous else "the first one received was used"
         click.echo(f"  WARNING    {len(candidates)} sensors fit the mission, {done}: name yours with {keys}")
 
 

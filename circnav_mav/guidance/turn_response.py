@@ -127,6 +127,10 @@ class PendingTurn:
         return Pending(turn + response.lag * rate, response.delay, response.settles)
 
 
+Knowledge = tuple[tuple[Array, ...], tuple[Array, float, float, float] | None, Response]
+"""Sums, fit and response of a `ResponseLearner`."""
+
+
 class ResponseLearner:
     """Learns in flight how one vehicle answers."""
 
@@ -163,6 +167,19 @@ class ResponseLearner:
         """The vehicle is not ours any more: what comes now is not our doing."""
         self._command, self._bin = None, None
         self._turned.clear()
+
+    @property
+    def knowledge(self) -> "Knowledge":
+        """What flight has taught."""
+        return self._sums, self._fit, self._known
+
+    @knowledge.setter
+    def knowledge(self, before: "Knowledge") -> None:
+        self._sums, self._fit, self._known = before
+
+    def skip(self) -> None:
+        """The vehicle does not obey: its turns from now on are no answers."""
+        self._bin = None
 
     def feel(self, time: float, turned: float, link: float) -> None:
         """By how much the vehicle has turned (rad, from anywhere, unwrapped) by a time (s); link: there and back, s."""
@@ -252,6 +269,14 @@ STOOD_LEAST, STOOD_MOST = 0.5, 20.0
 """Time at the limit, s, by which it is told first, and over which it is averaged: 1 % of it is .3 m of radius."""
 LONGEST_FELT = 1.0
 """Most time, s, for which a bank counts from one report to the next."""
+DEAF_AFTER = 1.0
+"""Time of not turning as commanded, s, after which a vehicle counts as deaf: a reversed turn takes less."""
+OBEYS_AFTER = 2.0
+"""Time of turning as commanded, s, after which a deaf vehicle teaches again: the model of its answer has then forgotten
+the commands that it never received."""
+TAKEN_BACK = 4.0
+"""What was learnt in so many seconds before a vehicle counts as deaf is taken back: ArduPilot flies on by the last
+command for 3 s, which looks like obedience for as long as the commands do not change."""
 
 
 class BankLimit(NamedTuple):
@@ -318,6 +343,9 @@ class TurnAnswer:
         self._learner, self._pending = ResponseLearner(lag), PendingTurn()
         self._turned, self._felt_at = 0.0, inf
         self._commanded: float | None = None
+        self._followed_at = self._deaf_at = -inf
+        self._lessons: deque[tuple[float, TurnGain, Knowledge]] = deque()
+        """What was known at times of the last seconds."""
 
     @property
     def gain(self) -> float:
@@ -355,7 +383,10 @@ class TurnAnswer:
             self._felt_at = own.time
         if self._commanded is None:
             return False
-        self._learner.feel(own.time, self._turned, self.link)
+        if own.time - self._deaf_at > OBEYS_AFTER:
+            self._learner.feel(own.time, self._turned, self.link)
+        else:
+            self._learner.skip()
         if own.bank_turn is not None:
             # of the bank it has, not of the commanded one: an autopilot with a lower bank limit turns no worse for it
             before = self.by_bank or TurnGain()
@@ -366,10 +397,29 @@ class TurnAnswer:
         if self.by_bank is not None and own.bank_turn is not None:
             commanded, banked = float(self.by_command.smooth_command), float(self.by_bank.smooth_command)
             self.bank_limit = self.bank_limit.follow(own, commanded, banked)
+        self._watch_obedience(own.time)
         return True
+
+    def _watch_obedience(self, now: float) -> None:
+        """Take back what a vehicle taught that soon proved to be deaf: over a dead uplink its turns are no answers."""
+        lessons, followed = self._lessons, bool(self.by_command.followed)
+        self._followed_at = now if followed or self._followed_at == -inf else self._followed_at
+        if now - self._followed_at > DEAF_AFTER:
+            if lessons:
+                _, gain, knowledge = lessons[0]
+                self.by_command = self.by_command._replace(gain=gain.gain, square=gain.square, product=gain.product)
+                self._learner.knowledge = knowledge
+                lessons.clear()
+            self._deaf_at = now
+        elif followed and now - self._deaf_at > OBEYS_AFTER and (not lessons or now - lessons[-1][0] >= 1.0):
+            lessons.append((now, self.by_command, self._learner.knowledge))
+            while now - lessons[0][0] > TAKEN_BACK + 1.0:
+                lessons.popleft()
 
     def reset(self) -> None:
         """The vehicle is not ours any more: what it does now is not our doing, and teaches nothing."""
         self._commanded = None
+        self._followed_at = self._deaf_at = -inf
+        self._lessons.clear()
         self._learner.reset()
         self._pending.reset()

@@ -176,9 +176,10 @@ class Session:
                 if result.command.number == dialect.MAV_CMD_DO_SET_MODE:
                     self._mode_results.append(result)  # for whoever asked
                 elif result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL and result.refused:
-                    self.streams.denied(result.command)
+                    self.streams.denied(result)
             for request in self.streams.poll(now):
                 self.commands.send(request)
+            messages += self.streams.group_requests(self.peer.ids, now)
             messages += self.commands.poll(self.peer.ids, now) + self.timesync.poll(now)
             messages += self.announcer.texts(now)
         return messages

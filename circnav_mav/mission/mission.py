@@ -17,12 +17,16 @@ from circnav_mav.mav.identity import LinkSettings
 from circnav_mav.mav.ranging.driver import split_driver
 from circnav_mav.mav.ranging.interface import RangingSettings
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
-from circnav_mav.mission.schema import MissionFile
+from circnav_mav.mission.schema import MOST_STALE, MissionFile
 from circnav_mav.pilot import LINKS, RANGING, VEHICLE, OutputMode, PilotSettings, Timing
 from circnav_mav.pilot.settings import HeightSettings
 
 MOST_NOISE = 0.5
 """Standard deviation of a range, of the radius, above which it tells nothing about the circle."""
+STALE_PERIODS, LEAST_STALE = 2.5, 0.5
+"""Default of `limits.stale_s` in periods of the radio, so that a single lost range stops nothing; and at least, s."""
+END_SHARE, CARRIES_FAR = 0.975, 1000.0
+"""Default of `bounds.max_range_m` as a share of what the message carries, for messages that end before so many m."""
 SIM = "sim"
 """The endpoint that stands for the bundled vehicle."""
 
@@ -112,6 +116,19 @@ class Mission:
         return min(self.file.ranging.max_range_m or carried, carried)
 
     @property
+    def farthest(self) -> float | None:
+        """Horizontal range at which the vehicle is given back, m: the file's bound, or short of where the ranges of a
+        message end that does not carry far."""
+        end = RANGING_MESSAGES[self.file.ranging.message].farthest
+        return self.file.bounds.max_range_m or (END_SHARE * end if end < CARRIES_FAR else None)
+
+    @property
+    def stale(self) -> float:
+        """Age of the newest range up to which it may steer, s: the file's, or long enough for one lost range."""
+        usual = min(max(STALE_PERIODS / self.file.ranging.rate_hz, LEAST_STALE), MOST_STALE)
+        return self.file.limits.stale_s or usual
+
+    @property
     def ranging_driver(self) -> str | None:
         """The driver of the ranging radio, None where that speaks MAVLink."""
         return split_driver(self.file.ranging.endpoint or "")[0]
@@ -159,7 +176,7 @@ class Mission:
             facts=self._facts(),
             bounds=Bounds(
                 closest=file.bounds.min_range_m,
-                farthest=file.bounds.max_range_m,
+                farthest=self.farthest,
                 lowest=file.bounds.min_altitude_m,
                 highest=file.bounds.max_altitude_m,
                 battery=file.bounds.min_battery_percent,
@@ -171,7 +188,7 @@ class Mission:
                 duration=file.limits.duration_s,
                 wait_link=file.link.wait_s,
                 wait_ranging=file.link.wait_s,
-                stale=file.limits.stale_s,
+                stale=self.stale,
                 hold=file.limits.hold_s,
                 outage=file.limits.outage_s,
                 round_trip=file.limits.round_trip_s,
@@ -201,10 +218,8 @@ class Mission:
 
     def _ranging(self) -> RangingSettings:
         given = self.file.ranging.model_dump(exclude={"endpoint"}) | {"max_range_m": self.max_range}
-        if given["beacon_id"] is None and not self.ranging_driver:
-            given["beacon_id"] = 0  # a driver's beacons are senders of their own: without an id the first heard counts
         most = max(MOST_NOISE * min(self.radii), 3 * self.file.ranging.sigma_m)
-        return RangingSettings(**given, max_age=self.file.limits.stale_s, max_sigma=most)
+        return RangingSettings(**given, max_age=self.stale, max_sigma=most)
 
     def _facts(self) -> VehicleFacts:
         vehicle = self.file.vehicle

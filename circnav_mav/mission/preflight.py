@@ -123,6 +123,9 @@ def _company(mission: Mission, survey: Survey) -> Iterator[Check]:
 def _streams(mission: Mission, survey: Survey) -> Iterator[Check]:
     if (silence := survey.session.heartbeat_age(survey.end)) > SILENT:
         yield Check(FAIL, "heartbeat", f"the vehicle fell silent {silence:.1f} s before the end")
+    if survey.session.streams.by_group:
+        words = "SET_MESSAGE_INTERVAL is unsupported: old firmware, REQUEST_DATA_STREAM is used"
+        yield Check(WARN, "stream", words)
     for message_id, (wanted, measured) in survey.streams.items():
         name = dialect.mavlink_map[message_id].msgname
         words = f"{name} {measured:.1f} Hz, {wanted:g} Hz asked for"

@@ -19,6 +19,8 @@ SELDOM = "seldom set"
 FAR = 1e9
 """Most that a number may be: beyond, products of a few of them are no numbers any more."""
 MOST_PORT = 65535
+MOST_STALE = 5.0
+"""Age of a range, s, that nothing should be steered by."""
 Positive = Annotated[float, Field(gt=0, le=FAR)]
 NotNegative = Annotated[float, Field(ge=0, le=FAR)]
 Height = Annotated[float, Field(ge=-FAR, le=FAR)]
@@ -167,7 +169,7 @@ class LimitsTable(Table):
     """[limits]"""
 
     duration_s: Positive
-    stale_s: Annotated[float, Field(gt=0, le=5)] = 0.5
+    stale_s: Annotated[float, Field(gt=0, le=MOST_STALE)] | None = None
     hold_s: NotNegative = 10.0
     outage_s: Annotated[NotNegative, SELDOM] = 60.0
     round_trip_s: Annotated[float, Field(gt=0, le=10), SELDOM] = 0.6

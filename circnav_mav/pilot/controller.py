@@ -157,7 +157,10 @@ class Controller:
     def _trim_radius(self, estimate: RangeEstimate, command: TurnCommand) -> None:
         """Let the slow integral run over the time since the last steered step, while the vehicle follows."""
         before, self._steered = self._steered, (estimate.time, estimate.r)
-        if before is not None and self._settings.radius_trim > 0 and self.followed:
+        # An approach that does not know where the target is closes slowly. Counted as a lasting error, it would be
+        # held on the other side of the circle for half a minute afterwards.
+        approaches = command.flies not in ("", DRIFT)
+        if before is not None and self._settings.radius_trim > 0 and self.followed and not approaches:
             step = estimate.time - before[0]
             self._trim = next_trim(
                 self._trim,

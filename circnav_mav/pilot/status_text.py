@@ -75,9 +75,15 @@ class StatusText:
             return f"{tracker.accepted} ranges accepted, estimator {name} has not converged yet{needs}"
         if ready and missing:
             return missing
+        sources = tracker.ranging.sources
+        if choice := sources.choice(now):
+            return choice
+        if ready and not sources.listened(now):
+            return "listening for a second range source"
         wanted, rejected = RANGING_MESSAGES[self.settings.ranging.message], tracker.ranging.rejected
         heard = self.connection.counts[self.connection.ranging_link].describe()
-        words = f"rejected: {describe_rejected(rejected)}; {heard}{denied(self.connection.session)}"
+        others = f"; {found}" if (found := sources.others(now)) else ""
+        words = f"rejected: {describe_rejected(rejected)}; {heard}{denied(self.connection.session)}{others}"
         return f"no ranging: no usable {wanted.type}, {words}"
 
     # --- what has gone ----------------------------------------------------------------------------------------------

@@ -132,6 +132,8 @@ def _is_lone(moved: int, then: int) -> bool:
 
 
 HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
+_OF_ANOTHER = (Reject.WRONG_SOURCE.value, Reject.OTHER_SENSOR.value, Reject.AMBIGUOUS.value)
+"""Reasons for which a range that fits the mission is ignored beside another source."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,6 +165,8 @@ class LogSources:
     vehicles: dict[Ids, str] = field(default_factory=dict)
     heartbeats: Counter[Ids] = field(default_factory=Counter)
     ranging: dict[RangeSource, RangeCounts] = field(default_factory=dict)
+    ambiguous: int = 0
+    """Ranges that were not used because several sources fit the mission."""
 
     def watch(self, steps: Iterable[LoopStep], pilot: Pilot) -> Iterator[LoopStep]:
         """The steps as they are, on their way to the pilot."""
@@ -207,7 +211,9 @@ class LogSources:
         if kind.for_anything and name != self.settings.message and not kind.picked(message, self.settings):
             return  # values of any kind come under names
         counts = self.ranging.setdefault(RangeSource(name, *sender, marks), RangeCounts())
-        foreign = reader.rejected[Reject.WRONG_SOURCE.value]
+        fits = name == self.settings.message and kind.picked(message, self.settings)
+        ignored = sum(reader.rejected[reason] for reason in _OF_ANOTHER)
         counts.messages += 1
         counts.taken += reader.read(message, now) is not None
-        counts.ignored += reader.rejected[Reject.WRONG_SOURCE.value] - foreign
+        self.ambiguous = reader.rejected[Reject.AMBIGUOUS.value]
+        counts.ignored += fits and sum(reader.rejected[reason] for reason in _OF_ANOTHER) - ignored

@@ -173,6 +173,7 @@ def test_a_plain_replay_says_whose_data_it_used(replay, records):
     assert "WARNING" not in out
 
 
+NONE = "none is used beside another"
 OURS = 1, 192
 """System and component that the bundled vehicle's ranges come from."""
 
@@ -180,10 +181,10 @@ OURS = 1, 192
 @pytest.mark.parametrize(
     ("other", "named", "done"),
     [
-        ({"sender": (1, 33)}, "ranging.component_id=33", "the first heard was taken"),
-        ({"sender": (9, 192)}, "ranging.system_id=1", "the first heard was taken"),
-        ({"sender": OURS, "ident": 5}, "ranging.sensor_id=0", "their ranges were mixed"),
-        ({"sender": OURS, "orientation": 2}, "ranging.orientation=24", "their ranges were mixed"),
+        ({"sender": (1, 33)}, "ranging.component_id=33", NONE),
+        ({"sender": (9, 192)}, "ranging.system_id=1", NONE),
+        ({"sender": OURS, "ident": 5}, "ranging.sensor_id=0", NONE),
+        ({"sender": OURS, "orientation": 2}, "ranging.orientation=24", NONE),
     ],
     ids=["component", "system", "sensor", "orientation"],
 )

@@ -178,6 +178,14 @@ def test_the_estimate_may_steer_after_its_fifth_sample_if_that_tells_anything_of
         assert kalman.ready == expected
 
 
+def test_no_prediction_goes_through_zero():
+    """Twenty seconds without ranges while the vehicle closes at 6 m/s from 10 m were a range of -110 m."""
+    kalman, last = settled(r=46.0)
+    assert [round(kalman.at(last + t).r) for t in (0.0, 1.0, 3.0, 20.0)] == [11, 5, 7, 109]
+    assert kalman.at(last + 1.0).r_dot == pytest.approx(-6.0, abs=0.1)
+    assert kalman.at(last + 3.0).r_dot == pytest.approx(6.0, abs=0.1)
+
+
 def test_a_reset_forgets_everything():
     kalman, last = settled()
     kalman.reset()

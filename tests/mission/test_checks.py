@@ -58,8 +58,9 @@ BOUNDS = [
     ("reach", "orbit.radius_m=525", FAIL), ("reach", f"orbit.radius_m=2000 {BEACON}", PASS),
     ("reach", "ranging.max_range_m=120", FAIL),
     # stale after 0.5 s, two ranges should fit
-    ("sampling", "ranging.rate_hz=4.0", PASS), ("sampling", "ranging.rate_hz=3.9", WARN),
-    ("sampling", "ranging.rate_hz=2.0", WARN), ("sampling", "ranging.rate_hz=1.9", FAIL),
+    ("sampling", "ranging.rate_hz=4.0", PASS), ("sampling", "limits.stale_s=0.5 ranging.rate_hz=3.9", WARN),
+    ("sampling", "limits.stale_s=0.5 ranging.rate_hz=2.0", WARN),
+    ("sampling", "limits.stale_s=0.5 ranging.rate_hz=1.9", FAIL),
     # 0.2 rad/s at 4 Hz turns 0.05 rad between two samples; lost beyond half a radian
     ("switching", law("switching", 0.2, "ranging.rate_hz=4.1"), PASS),
     ("switching", law("switching", 0.2, "ranging.rate_hz=3.9"), WARN),

@@ -86,6 +86,26 @@ def test_the_height_is_given_in_one_way(mission, second):
         mission("orbit.height_above_target_m=30.0", f"orbit.{second}")
 
 
+@pytest.mark.parametrize(("rate", "stale"), [(0.2, 5.0), (1.0, 2.5), (3.0, 2.5 / 3), (10.0, 0.5), (100.0, 0.5)])
+def test_the_age_of_ranges_left_out_follows_the_rate_of_the_radio(mission, rate, stale):
+    settings = mission(f"ranging.rate_hz={rate}").pilot_settings()
+    assert (settings.timing.stale, settings.ranging.max_age) == pytest.approx((stale, stale))
+
+
+@pytest.mark.parametrize(
+    ("overrides", "farthest"),
+    [
+        ((), pytest.approx(639, abs=0.5)),
+        (("bounds.max_range_m=300",), 300),
+        (('ranging.message="named_value_float"',), None),
+        (('ranging.message="ranging_beacon"',), None),
+    ],
+    ids=["distance_sensor", "given", "named_value_float", "ranging_beacon"],
+)
+def test_the_bound_of_the_range_left_out_follows_what_the_message_carries(mission, overrides, farthest):
+    assert mission(*overrides).pilot_settings().bounds.farthest == farthest
+
+
 @pytest.mark.parametrize(("law", "default"), [("smooth", 1e-4), ("switching", 0.18)])
 def test_a_gain_left_out_is_the_laws_default(mission, law, default):
     """Twice 1/(2 r_d^2) at 100 m; 1.2 times V/r_d at 15 m/s."""

@@ -134,7 +134,7 @@ def test_a_setpoint_that_the_shell_held_back_is_neither_counted_nor_recorded_as_
 def test_a_mission_waits_for_link_ranging_and_mode_in_this_order(rig):
     assert rig.run(1.0, speaks=False, ranges=False, mode=LOITER).pilot.mission.phase is Phase.WAIT_LINK
     assert rig.run(1.0, speaks=True).pilot.mission.phase is Phase.WAIT_RANGING
-    assert rig.run(1.0, ranges=True).pilot.mission.phase is Phase.READY
+    assert rig.run(1.5, ranges=True).pilot.mission.phase is Phase.READY
     assert rig.setpoints() == [] and rig.pilot.setpoints_sent == 0
     assert rig.run(1.0, mode=GUIDED).pilot.mission.phase is Phase.ENGAGED
     assert len(rig.setpoints()) == rig.pilot.setpoints_sent > 0
@@ -144,13 +144,20 @@ def test_the_first_setpoint_waits_for_five_ranges(rig):
     rig.run(1.0, ranges=False)
     for count in range(1, 6):
         rig.range()
-        rig.run(0.1)
+        rig.run(0.3)
         assert bool(rig.setpoints()) == (count == 5)
+
+
+def test_the_first_setpoint_waits_for_a_second_of_ranges_in_which_another_source_would_show(rig):
+    rig.run(1.0, ranges=False)
+    assert rig.run(1.0, ranges=True).setpoints() == []
+    assert rig.pilot.status.waits_for(rig.now) == "listening for a second range source"
+    assert rig.run(0.2).setpoints()
 
 
 def test_a_fresh_range_is_answered_by_the_very_next_step(rig):
     rig.engage()
-    rig.now += 0.031
+    rig.now += 0.041
     assert rig.step() == [], "nothing new and no tick due"
     rig.range()
     (setpoint,) = [message for message in rig.step() if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]

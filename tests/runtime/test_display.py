@@ -8,6 +8,7 @@ from rich.console import Console
 
 from circnav_mav.runtime import display as display_module
 from circnav_mav.runtime.display import Display, LiveScreen, PlainScreen, display_for
+from circnav_mav.runtime.status import Watch
 from tests.flight.lockstep import flight
 from tests.process import PATIENCE
 
@@ -136,3 +137,12 @@ def test_plain_output_tells_each_new_alarm_and_what_is_waited_for_once(statuses)
     waiting = printed(statuses(4.0, "engage.request_mode=false"))
     assert waiting.count("  WAITING  mode GUIDED: the operator must enter it") == 1
     assert waiting.count("  WAITING") <= 2
+
+
+def test_plain_lines_end_with_the_flight_while_a_hand_back_goes_on():
+    flown, out = flight("quickstart", "limits.duration_s=2.0").fly(40.0), io.StringIO()
+    screen, watch = PlainScreen(Console(file=out, width=200)), Watch(flown.pilot)
+    for second in range(30):
+        screen.draw(watch.status(flown.ticks[-1], flown.now + second))
+    assert flown.pilot.done
+    assert out.getvalue().count(" ended ") == 1

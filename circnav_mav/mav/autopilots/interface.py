@@ -87,9 +87,8 @@ class Firmware:
 
     key: its name in mission files. autopilot: MAV_AUTOPILOT of its HEARTBEAT. flown: the version whose behaviour our
     messages were flown with. streams: message id -> Hz to ask for. mode_numbers: custom_mode -> parameters 2 and 3 of
-    MAV_CMD_DO_SET_MODE. bytewise: PARAM_VALUE carries the bytes of an integer, not its value. echoes_ranges: it sends a
-    DISTANCE_SENSOR that was forwarded to it a second time, under its own id. why_must_leave: why a flight must end by
-    a change of mode, and is not resumed after a takeover, for people; empty where neither is so.
+    MAV_CMD_DO_SET_MODE. bytewise: PARAM_VALUE carries the bytes of an integer, not its value. why_must_leave: why a
+    flight must end by a change of mode, and is not resumed after a takeover, for people; empty where neither is so.
     """
 
     key: str
@@ -98,7 +97,6 @@ class Firmware:
     streams: Mapping[int, float]
     mode_numbers: Callable[[int], tuple[int, ...]]
     bytewise: bool = False
-    echoes_ranges: bool = False
     why_must_leave: str = ""
 
 

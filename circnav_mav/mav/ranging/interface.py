@@ -17,6 +17,7 @@ class Reject(Enum):
 
     WRONG_SOURCE = "wrong_source"
     OTHER_SENSOR = "other_sensor"
+    AMBIGUOUS = "ambiguous"
     NOT_FINITE = "not_finite"
     NO_RANGE = "no_range"
     BELOW_MIN = "below_min"
@@ -37,6 +38,8 @@ class Reject(Enum):
 
 OTHERS = frozenset({Reject.WRONG_SOURCE.value, Reject.OTHER_SENSOR.value})
 """What is not ours to take, and no fault of our sensor."""
+EXPLAINED = frozenset({Reject.AMBIGUOUS.value, Reject.NO_HEIGHT.value})
+"""Reasons that the operator is shown with their remedy as long as they hold."""
 _CLOCK = frozenset({Reject.STAMP_JUMP.value, Reject.CLOCK.value})
 
 
@@ -63,7 +66,7 @@ class RangingSettings:
     """
 
     message: str = "distance_sensor"
-    beacon_id: int | None = 0
+    beacon_id: int | None = None
     sensor_id: int | None = None
     orientation: int | None = None
     name: str = "RANGE"
