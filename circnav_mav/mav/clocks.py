@@ -262,6 +262,10 @@ class Timesync:
         """Of the newest, s; None before any answer."""
         return max(self.trips, default=None)
 
+    def silent(self, now: float, within: float) -> bool:
+        """True if the vehicle has answered before, but not within this time, s: our frames may be lost."""
+        return bool(self._answers) and now - self._answers[-1][0] > within
+
     @property
     def one_way(self) -> float:
         """The least that a frame of the vehicle has been under way of late, s: half of the quickest answer. 0 where no

@@ -3,6 +3,7 @@
 And the telemetry streams: asked for with SET_MESSAGE_INTERVAL, measured, asked for again when they fall away.
 """
 
+from collections import Counter, deque
 from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from math import ceil
@@ -17,6 +18,12 @@ MOST_IN_PROGRESS = 3
 RETRIES = 3
 LATE = 1.2
 """Of the time between first try and last: how long after the end of a command the answers to its repeats may come."""
+MOST_OWED = 64
+"""Unanswered commands of one number that are counted: more than are sent while a link is lost."""
+UNASKED, UNASKED_WITHIN = 2, 10.0
+"""Number of answers to us that nothing of ours asked for, and the time, s, in which they show another program."""
+ANSWERS_KEPT = 16
+"""Newest answers by which one that comes again by another way is recognized."""
 CHECK_EVERY = 3.0
 """Time, s, over which the rates of streams are measured."""
 LOW = 0.5
@@ -90,7 +97,19 @@ class CommandSender:
         self._results: list[CommandResult] = []
         self._held: dict[int, float] = {}
         """Until when answers to the repeats of what has ended may come, s, by number."""
-        self._newest = b""
+        self._newest: deque[bytes] = deque(maxlen=ANSWERS_KEPT)
+        self._owed: Counter[int] = Counter()
+        """Answers that may still come, by number."""
+        self._unasked: deque[float] = deque(maxlen=UNASKED)
+
+    def sent(self, number: int) -> None:
+        """Note a command that leaves. PX4 answers a change of mode twice."""
+        answers = 2 if number == dialect.MAV_CMD_DO_SET_MODE else 1
+        self._owed[number] = min(self._owed[number] + answers, MOST_OWED)
+
+    def answered_unasked(self, now: float) -> bool:
+        """True if the vehicle answers to us what nothing of ours asked: another program sends commands in our name."""
+        return len(self._unasked) == UNASKED and now - self._unasked[0] <= UNASKED_WITHIN
 
     def send(self, command: Command) -> None:
         """Queue a command; one that is already waiting is not queued twice."""
@@ -119,9 +138,16 @@ class CommandSender:
     def acknowledge(self, ack: Message, us: Ids, now: float) -> None:
         """Match a COMMAND_ACK of our vehicle; one that is addressed to somebody else is not ours, and a frame that two
         routers bring is one answer."""
-        before, self._newest = self._newest, bytes(ack.get_msgbuf())
-        if ack.target_system not in (0, us[0]) or ack.target_component not in (0, us[1]) or self._newest == before:
+        frame, target = bytes(ack.get_msgbuf()), (ack.target_system, ack.target_component)
+        known, repeated = frame in self._newest, bool(self._newest) and self._newest[-1] == frame
+        self._newest.append(frame)
+        if target[0] not in (0, us[0]) or target[1] not in (0, us[1]) or repeated:
             return
+        if ack.result != dialect.MAV_RESULT_IN_PROGRESS and not known:
+            if self._owed[ack.command] > 0:
+                self._owed[ack.command] -= 1
+            elif target == us:
+                self._unasked.append(now)
         pending = self._pending.get(ack.command)
         if pending is None:
             return

@@ -17,6 +17,7 @@ from circnav_mav.guidance.side_slip import SideSlip
 from circnav_mav.guidance.types import Orbit, OwnMotion, RangeEstimate, TurnCommand
 from circnav_mav.guidance.velocity_loop import CopterMotion
 from circnav_mav.guidance.watches import DriftAlarm, breach, watch_drift
+from circnav_mav.mav.autopilots.interface import turn_in
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import GRAVITY, YawRate
 from circnav_mav.mav.identity import Allowance
@@ -26,6 +27,7 @@ from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.authority import SILENT, TAKEN_OVER, Allowed, Authority, unwatched
 from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.controller import Controller
+from circnav_mav.pilot.echo_watch import EchoWatch
 from circnav_mav.pilot.mission_state import Ending, Event, MissionState, Outcome, Phase
 from circnav_mav.pilot.mode_request import ExitAction
 from circnav_mav.pilot.range_tracker import HEARD, RangeTracker, TickScheduler
@@ -36,10 +38,12 @@ from circnav_mav.pilot.status_text import StatusText
 ALARMS = frozenset(
     (
         *("drift", "cycle", "range trouble", "range rate trouble"),
-        *("sensor clock", "clock speed", "height", "bounds", "link", "flood"),
+        *("sensor clock", "clock speed", "height", "bounds", "link", "flood", "second controller"),
     )
 )
 """Kinds of news that are said as a warning while they are so; charts mark every warning."""
+UPLINK_SILENT = 3.0
+"""Time without an answer to TIMESYNC, s, after which the vehicle may have received no setpoint, and flies its own."""
 FLOODED = 3.0
 """Time, s, since something was last left unread, after which a flood is over."""
 
@@ -69,6 +73,7 @@ class Pilot:
         self.unwatched = ""
         """What a bound goes by and the vehicle does not report, for people."""
         self.allowance = Allowance()
+        self._echo = EchoWatch()
         self._rivals: set[str] = set()
         self.setpoints_sent = 0
         self._records: list[TickRecord] = []
@@ -88,6 +93,7 @@ class Pilot:
         for message, of_vehicle, of_ranging in self.connection.receive(data, now, source, link):
             if of_vehicle:
                 self._take_motion(message, now)
+                self._take_echo(message, now)
             if of_ranging:
                 self._take_range(message, now, source)
         self._frames += self.connection.decoders[link].frames
@@ -114,6 +120,13 @@ class Pilot:
         self.tracker.ranging.moving = mission.steering and self._flies
         if self.tracker.receive(message, now, source, stalled=stalled, begun=mission.begun):
             self.scheduler.heard(now)
+
+    def _take_echo(self, message: Message, now: float) -> None:
+        """Compare the setpoint that the vehicle reports with ours. While it answers no TIMESYNC it may not receive us,
+        and flies a setpoint of its own."""
+        adapter, timesync = self.session.adapter, self.session.timesync
+        if message.get_msgId() == adapter.echo and not timesync.silent(now, UPLINK_SILENT):
+            self._echo.reported(turn_in(message), now, timesync.worst or 0.0, limited=adapter.banks)
 
     def _take_motion(self, message: Message, now: float) -> None:
         """Own motion teaches the height, the turn-rate gain, and estimators that know where the vehicle is heading."""
@@ -176,6 +189,8 @@ class Pilot:
         desired = self.controller.orbit.radius
         command = self.controller.command(self.mission.phase, estimate, self.session.timesync.worst, now)
         message, sent = self._setpoint(command, now)
+        if message is not None and (turn := turn_in(message)) is not None:
+            self._echo.sent(turn, now)
         self._taken = StepTaken(now, self.mission.phase, estimate, command, message is not None, sent, desired)
         return b"" if message is None else self.session.encode(message)
 
@@ -273,6 +288,7 @@ class Pilot:
     def _engage(self, now: float) -> None:
         self.mission.engage(now)
         self.tracker.ranging.sender_stays = self._flies
+        self.session.identity.stays |= self._flies
         if self._flies:  # a dry run may begin on the ground, far from the height that is told
             self.tracker.height.engage()
         self.session.drop_mode_requests()
@@ -384,6 +400,10 @@ class Pilot:
         if self.mission.steering and self.session.up:
             self.unwatched = lost = unwatched(self.settings, self.session, now)
             self._say_news("bounds", lost or False, lost.partition(":")[0] or "bounds watched again")
+        second = bool(self.second_controller(now))
+        self._say_news(
+            "second controller", second, "another program steers, too" if second else "another program no longer steers"
+        )
         self._say_news("flood", flooded, "flood, others are not read" if flooded else "flood over")
 
     def _say_news(self, kind: str, news: Hashable, text: str) -> None:
@@ -408,6 +428,17 @@ class Pilot:
             return str(peer or "")
         apart = radio.source != peer.source
         return f"{peer}, ranges of {radio if apart else f'{radio.system}/{radio.component}'}"
+
+    def second_controller(self, now: float) -> str:
+        """Return how it shows that another program steers the vehicle, human-readable; empty if nothing shows it."""
+        if self.session.commands.answered_unasked(now):
+            return "the vehicle answers commands in our name that we did not send"
+        if not self.mission.steering or (turns := self._echo.other(now)) is None:
+            return ""
+        unit = "deg of bank" if self.session.adapter.banks else "deg/s"
+        reported, sent = turns
+        flown = "another kind of setpoint" if reported is None else f"{degrees(reported):+.0f} {unit}"
+        return f"the vehicle flies {flown}, commanded {degrees(sent):+.0f} {unit}"
 
     def frames_refused(self) -> Counter[str]:
         """Frames that were not believed on any link, by what was wrong with their signature."""

@@ -27,7 +27,8 @@ class StatusText:
         """What the vehicle is not steered for now; empty where nothing is missing."""
         phase = self.mission.phase
         if phase is Phase.WAIT_LINK:
-            return self._no_vehicle()
+            rejected = self.connection.session.identity.rivals.recent(now) if self.mission.begun else ()
+            return "; ".join(f"{line} until it reports its time since boot" for line in rejected) or self._no_vehicle()
         if phase is Phase.WAIT_RANGING:
             return self._not_ready(now)
         return self.authority.obstacle(now) if phase in (Phase.READY, Phase.YIELDED) else ""

@@ -10,8 +10,8 @@ from circnav_mav.mav.signing import KEY_LENGTH, LATEST, SECOND, Signing
 from circnav_mav.runtime.clock import unix_time
 
 RESERVE = 10 * SECOND
-"""How far the file is ahead of what was used: a killed process begins again behind nothing that it has signed, and far
-less ahead of the others' clocks than the minute at which they, and we, refuse."""
+"""Lead of the file over the timestamp in use. A killed process resumes after every frame that it has signed or
+accepted, and far less ahead of other clocks than the minute at which frames are rejected."""
 MOST_DIGITS = 100
 """Beyond some thousands Python reads no number."""
 TEXT = frozenset(range(32, 127))
@@ -60,7 +60,7 @@ class SigningTime:
         """Begin with the later of the clock and the file. Raises KeyFileError where the file cannot be kept."""
         self.problem: str | None = None
         self._signing, self._path, self._clock = signing, path, clock
-        signing.timestamp = max(signing.timestamp, _stored(path))
+        signing.resume(_stored(path))
         signing.advance(clock())
         self._reserved = signing.timestamp + RESERVE
         try:

@@ -215,6 +215,8 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None) -> 
     timing, found = pilot.settings.timing, pilot.session.identity.rivals.recent(now)
     if now - pilot.allowance.dropped_at < FLOODED:
         found.append(f"FLOOD: what others send is not read, {pilot.allowance.dropped / 1000:.0f} kB so far")
+    if second := pilot.second_controller(now):
+        found.append(f"SECOND CONTROLLER: {second}: stop the other program")
     if pilot.mission.outcome is not None and pilot.mission.outcome.ending is not Ending.COMPLETED:
         found.append(f"{pilot.mission.outcome.ending.value.upper()}: {pilot.mission.outcome.reason}")
     elif tick.phase is Phase.YIELDED:

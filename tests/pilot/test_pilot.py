@@ -200,7 +200,6 @@ def test_the_missions_slew_limit_holds_for_what_is_sent():
         (mavlink.MAVLink_local_position_ned_message(1, 1e4, -1e4, -30, 15, 0, 0), 3),
         (mavlink.MAVLink_gps_global_origin_message(473_000_000, 85_000_000, 0), 1),
         (mavlink.MAVLink_home_position_message(473_000_000, 85_000_000, 0, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0), 1),
-        (mavlink.MAVLink_position_target_local_ned_message(1, 8, 0x407, 1, 2, 3, 4, 5, 6, 7, 8, 9, 1, 1), 3),
         (
             mavlink.MAVLink_odometry_message(
                 1, 1, 8, 1e4, 1e4, -30, [1, 0, 0, 0], 15, 0, 0, 0, 0, 0.3, [0.0] * 21, [0.0] * 21
@@ -217,6 +216,14 @@ def test_false_positions_change_no_byte_of_the_output(message, count):
     honest, lied_to = Rig().engage(), Rig()
     lied_to.run(3.0, lambda: [lied_to.hear(message) for _ in range(count)])
     assert lied_to.raw == honest.raw
+
+
+def test_a_false_report_of_the_setpoint_flown_changes_no_setpoint_and_is_alarmed():
+    honest, lied_to = Rig().engage().run(5.0), Rig().engage()
+    report = mavlink.MAVLink_position_target_local_ned_message(1, 8, 0x407, 1, 2, 3, 4, 5, 6, 7, 8, 9, 1, 1)
+    lied_to.run(5.0, lambda: lied_to.hear(report))
+    assert list(map(str, lied_to.setpoints())) == list(map(str, honest.setpoints()))
+    assert "circnav: another program steers, too" in lied_to.texts()
 
 
 def test_without_fresh_ranges_the_prediction_is_flown_for_half_a_second_and_then_the_steady_turn(rig):

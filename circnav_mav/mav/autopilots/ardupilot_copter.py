@@ -3,6 +3,8 @@
 from math import degrees, floor, radians
 from types import MappingProxyType
 
+from pymavlink.dialects.v20 import all as dialect
+
 from circnav_mav.mav.autopilots.ardupilot import ARDUPILOT, FENCE, GCS_SYSTEM, ekf_action, gcs_failsafe
 from circnav_mav.mav.autopilots.interface import COPTER_TYPES, Addressee, Autopilot, body_velocity
 from circnav_mav.mav.autopilots.parameters import PASS, WARN, Context, Rule, Verdict, rule, timeout, velocity_limit
@@ -55,6 +57,7 @@ class ArduCopter(Autopilot):
     exits = MappingProxyType({"loiter": 5, "rtl": 6, "land": 9, "brake": 17, "hold": 2})
     default_exit = "stop"
     shapes = frozenset({("SET_POSITION_TARGET_LOCAL_NED", MASK)})
+    echo = dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
     ground_speed_sigma = 0.02
     parameters = (
         rule("GUID_TIMEOUT", timeout("brakes and hovers in GUIDED")),

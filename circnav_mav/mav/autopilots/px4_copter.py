@@ -1,5 +1,7 @@
 """PX4 multicopter in OFFBOARD."""
 
+from pymavlink.dialects.v20 import all as dialect
+
 from circnav_mav.guidance.velocity_loop import VelocityLoop
 from circnav_mav.mav.autopilots.interface import COPTER_TYPES, Addressee, body_velocity
 from circnav_mav.mav.autopilots.parameters import at_least, rule, velocity_limit
@@ -31,6 +33,7 @@ class PX4Copter(PX4Vehicle):
     vehicle_types = COPTER_TYPES
     shapes = frozenset({("SET_POSITION_TARGET_LOCAL_NED", MASK)})
     needs = frozenset({"altitude"})
+    echo = dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
     ground_speed_sigma = 0.05  # a drag that only the flight tells takes some of it
     velocity_loop = VelocityLoop(proportional=1.8, integral=0.4, derivative=0.2)  # MPC_XY_VEL_P_ACC, _I_, _D_
     parameters = (
