@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from .agenda import NEVER, Agenda
 from .config import Event, VehicleConfig
+from .faults.steering import Steering
 from .flight import DRIFT_STEP_US, Flight, Truth
 from .links import TYPE_GCS, Link, Message, Router
 from .ranging_radio import SECOND, RangingRadio
@@ -49,6 +50,7 @@ class Vehicle:
         self._streams = Streams(self._agenda, self._flight)
         self._services = Services(self._flight, self._streams, self._say)
         self._setpoints: deque[tuple[float, str]] = deque(maxlen=REMEMBERED)
+        self._steering = Steering(config.vehicle.steering)
         self._link(MAIN)
         ranging, version = config.ranging, config.vehicle.mavlink_version
         self._radio_wire = Link("radio", ranging.system_id, ranging.component_id, version, self._notary)
@@ -115,7 +117,7 @@ class Vehicle:
             return
         flight, kind = self._flight, message.get_type()
         if kind in SETPOINTS:
-            if flight.autopilot.setpoint(message, flight.now):
+            if flight.autopilot.setpoint(self._steering.flown(message), flight.now):
                 self._setpoints.append((flight.seconds, kind))
         elif not self._services.answer(message, source):
             if kind == "HEARTBEAT" and message.type == TYPE_GCS:
@@ -185,6 +187,8 @@ class Vehicle:
             flight.charge(max(0.0, min(100.0, event.value or 0.0)))
         elif action.startswith("imu_"):
             flight.instruments.imu_state = action.removeprefix("imu_")
+        elif action.startswith("steering_"):
+            self._steering.state = action.removeprefix("steering_")
         elif action == "gps_spoof":
             flight.spoofed = event.value or 0.0
         elif action == "wind":

@@ -9,7 +9,7 @@ bumpless: the difference to the command before it fades out.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from math import inf, isfinite, pi
 from typing import Any, NamedTuple
@@ -69,6 +69,11 @@ class LawChoice:
     gain: float
     correct_radius: bool = True
     lag: float = 0.4
+
+    def eased(self, share: float, orbit: Orbit) -> "LawChoice":
+        """The law with so much of its gain, but not so little that it would not reach its circle."""
+        least = laws.LEAST * LAWS[self.name].gain_bound(orbit.speed, orbit.radius)
+        return replace(self, gain=min(self.gain, max(share * self.gain, least)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -283,11 +288,14 @@ def steering(orbit: Orbit, choice: LawChoice) -> Steering:
     It remembers: give every flight its own. Raises ValueError when the radius correction does not exist for this gain.
     """
     settings, at_rest, state = StepSettings.of(orbit, choice), Pending(0.0, choice.lag), StepState()
+    full, eased_to = settings, 1.0
 
     def steer(
         estimate: RangeEstimate, trim: float = 0.0, pending: Pending | None = None, share: float = 1.0
     ) -> TurnCommand:
-        nonlocal state
+        nonlocal state, settings, eased_to
+        if share != eased_to:
+            settings, eased_to = full if share == 1 else StepSettings.of(orbit, choice.eased(share, orbit)), share
         now, r, r_dot, relative = estimate.time, estimate.r, estimate.r_dot, estimate.relative
         state, command = step(state, settings, Inputs(now, r, r_dot, pending or at_rest, relative, trim, share))
         if not settings.law.flies_relative_motion:

@@ -1,6 +1,5 @@
 """What goes on over a flight beside the law: its circles, one after the other, and a slow integral that holds their
-mean radius; the mission's bounds, a drift that the circle does not allow, a turn command that swings from limit to
-limit."""
+mean radius; the mission's bounds; a drift that the circle does not allow."""
 
 from dataclasses import dataclass
 from math import inf, pi
@@ -28,16 +27,6 @@ PERSISTS = 3.0
 """Time, s, for which the drift must be too strong before the alarm is raised: the estimate follows single gusts."""
 ALLOWED_AGAIN = 0.9
 """Share of the allowed drift below which the alarm ends."""
-SWING = 0.8
-"""A reversal counts where the command has come back by this many times the limit since its last turning point."""
-PERIOD = 5.2
-"""Longest time from a reversal to the one after the next, s: the slowest cycle seen, and a little. A search weaves in
-6 s."""
-REVERSALS = 8
-"""Reversals in a row that make a cycle: four periods, which no manoeuvre has."""
-LOWERED, LEAST = 0.7, 0.3
-"""What a cycle leaves of the gains, and what is always left: the rule has a gain margin of 6 dB, so at .3 of it a
-vehicle that still swings would have to turn more than six times as hard as it was learnt to."""
 
 
 class Circles:
@@ -136,37 +125,3 @@ def watch_drift(alarm: DriftAlarm, estimate: RangeEstimate | None, orbit: Orbit,
         return DriftAlarm(False, None, drift, allowed)
     since = estimate.time if alarm.since is None else alarm.since
     return DriftAlarm(alarm.on or estimate.time - since >= PERSISTS, since, drift, allowed)
-
-
-class CommandWatch(NamedTuple):
-    """Recognises a turn command that swings from limit to limit, and lowers the gains until it stops.
-
-    A loop that is too quick for its vehicle does not diverge: the limit holds it in a cycle. On firmware such cycles
-    had periods of 1 .. 4.6 s; what wind, noise or a search ask for is slower or smaller.
-
-    share: of the gains that is left. cycles: how often they were lowered. extreme: the last turning point of the
-    command, in units of the limit; rising: where it goes from there. reversals: in a row, the last two at `reversed_at`
-    (s).
-    """
-
-    share: float = 1.0
-    cycles: int = 0
-    extreme: float = 0.0
-    rising: bool = True
-    reversals: int = 0
-    reversed_at: tuple[float, float] = (-inf, -inf)
-
-    def watch(self, time: float, command: float, limit: float) -> "CommandWatch":
-        """Take in a command (rad/s) of a time (s) to a vehicle with this limit (rad/s)."""
-        size = command / limit
-        if (size > self.extreme) == self.rising:
-            return self._replace(extreme=size)
-        if abs(size - self.extreme) < SWING:
-            return self
-        # of two reversals, for a cycle about a turn spends longer on one side
-        before, last = self.reversed_at
-        count = self.reversals + 1 if time - before <= PERIOD else min(self.reversals, 1) + 1
-        after = self._replace(extreme=size, rising=not self.rising, reversals=count, reversed_at=(last, time))
-        if count < REVERSALS:
-            return after
-        return after._replace(share=max(self.share * LOWERED, LEAST), cycles=self.cycles + 1, reversals=0)

@@ -190,6 +190,7 @@ class Mission:
                 wait_ranging=file.link.wait_s,
                 stale=self.stale,
                 hold=file.limits.hold_s,
+                unfollowed=file.limits.unfollowed_s,
                 outage=file.limits.outage_s,
                 round_trip=file.limits.round_trip_s,
                 tick=1 / file.limits.tick_hz,

@@ -44,6 +44,7 @@ def judge(mission: Mission, survey: Survey, clock_speed: float = 1.0) -> list[Ch
         tick=1 / mission.file.limits.tick_hz,
         system=survey.session.vehicle_ids[0],
         values=survey.parameters,
+        circle_turn_rate=mission.orbit.speed / min(mission.radii),
     )
     lines += [line for rule in survey.session.adapter.parameters if (line := rule.check(context)) is not None]
     told = [text for text in survey.texts if any(word in text.lower() for word in TROUBLE)]

@@ -171,6 +171,7 @@ class LimitsTable(Table):
     duration_s: Positive
     stale_s: Annotated[float, Field(gt=0, le=MOST_STALE)] | None = None
     hold_s: NotNegative = 10.0
+    unfollowed_s: NotNegative = 10.0
     outage_s: Annotated[NotNegative, SELDOM] = 60.0
     round_trip_s: Annotated[float, Field(gt=0, le=10), SELDOM] = 0.6
     tick_hz: Annotated[float, Field(ge=5, le=100), SELDOM] = 20.0  # PX4 leaves OFFBOARD below 2 Hz

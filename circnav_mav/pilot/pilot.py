@@ -37,11 +37,12 @@ from circnav_mav.pilot.status_text import StatusText
 
 ALARMS = frozenset(
     (
-        *("drift", "cycle", "range trouble", "range rate trouble"),
+        *("drift", "cycle", "follows", "lean limit", "range trouble", "range rate trouble"),
         *("sensor clock", "clock speed", "height", "bounds", "link", "flood", "second controller"),
     )
 )
 """Kinds of news that are said as a warning while they are so; charts mark every warning."""
+FOLLOWS_NOT, FOLLOWS_AGAIN = "vehicle does not follow turn commands", "vehicle follows turn commands again"
 UPLINK_SILENT = 3.0
 """Time without an answer to TIMESYNC, s, after which the vehicle may have received no setpoint, and flies its own."""
 FLOODED = 3.0
@@ -75,6 +76,8 @@ class Pilot:
         self.allowance = Allowance()
         self._echo = EchoWatch()
         self._rivals: set[str] = set()
+        self._unanswered_at = float("-inf")
+        """When the vehicle last seemed not to receive us, s."""
         self.setpoints_sent = 0
         self._records: list[TickRecord] = []
         self._taken: StepTaken | None = None
@@ -136,8 +139,8 @@ class Pilot:
             height.hear(message, motion.at(now).altitude, now)
         if not is_attitude:
             return
-        own = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
-        if own is None:
+        own = nose = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
+        if own is None or nose is None:
             return
         if adapter.velocity_loop is not None and self.mission.steering:
             self._copter_motion, own = self._copter_motion.follow(own, adapter.velocity_loop)
@@ -146,7 +149,7 @@ class Pilot:
             self._copter_motion = self._copter_motion.stand()
             self._side_slip, own = self._side_slip.follow(own)
         self.own = own
-        self.controller.on_motion(own)
+        self.controller.on_motion(own, nose)
         # a vehicle whose airspeed nobody measures has the commanded one while it flies as commanded; whose setpoints
         # are another's (a dry run) is taken to do so while it turns as we would command
         follows = self.controller.at_speed if self._flies else self.controller.followed
@@ -161,7 +164,7 @@ class Pilot:
         # on the ground it is no wonder
         if measured is not None and measured != believed and self.mission.steering:
             self._say_news("airspeed", True, f"airspeed {measured:.1f} m/s implausible, ignored")
-        return motion.true_airspeed(believed) if adapter.measures_airspeed else believed
+        return motion.true_airspeed(believed) if adapter.measures_airspeed else self.controller.speed
 
     # --- out: one step ----------------------------------------------------------------------------------------------
 
@@ -184,6 +187,7 @@ class Pilot:
             self._finish(outcome, now)
         estimate = self.tracker.estimator.at(now)
         self._watch_bounds(estimate, now)
+        self._watch_following(now)
         self._watch_ranging(estimate, now)
         self._watch_engagement(now)
         desired = self.controller.orbit.radius
@@ -201,8 +205,8 @@ class Pilot:
         step, self._taken = self._taken, None
         self.setpoints_sent += step.spoke
         self.scheduler.stepped(now)
-        if step.sent is not None and step.command is not None:
-            self.controller.commanded(step.command, now)
+        if step.sent is not None:
+            self.controller.commanded(step.sent, now)
         self._say_what_is_new(step.estimate, step.command, now)
         said = b"".join(map(self.session.encode, self._housekeeping(step.estimate, step.command, now)))
         record = tick_record(step, self.session, self.tracker, self.controller, self.settings.law.name)
@@ -264,6 +268,17 @@ class Pilot:
         )
         if broken is not None:
             self._finish(Outcome(Ending.ABORTED, broken), now)
+
+    def _watch_following(self, now: float) -> None:
+        """End the flight of a vehicle that does not follow turn commands for too long."""
+        session, turns, most = self.session, self.controller.turns, self.settings.timing.unfollowed
+        # A vehicle that does not receive us cannot follow, and goes on by its own time-out: that is an outage of the
+        # link, which the flight survives. The time counts only while the vehicle answers our TIMESYNC.
+        if not session.timesync.answered(now):
+            self._unanswered_at = now
+        since = max(turns.since, self._unanswered_at)
+        if self.mission.steering and not turns.follows and now - since > most:
+            self._finish(Outcome(Ending.ABORTED, f"vehicle did not follow turn commands for {most:g} s"), now)
 
     def _watch_ranging(self, estimate: RangeEstimate | None, now: float) -> None:
         good = self.tracker.good(estimate, now, holding=self.mission.phase is Phase.HOLDING)
@@ -377,12 +392,17 @@ class Pilot:
             self.why = command.why
             if self._flies:
                 self._say_news("law", command.flies, command.why)
-        cut = f"limit cycle, gains reduced to {100 * controller.watch.share:.0f} %"
-        self._say_news("cycle", controller.watch.cycles, cut)
+        cut = f"limit cycle, gains reduced to {100 * controller.turns.share:.0f} %"
+        self._say_news("cycle", controller.turns.cycles, cut)
         limit, own = controller.bank_limit, self.own
         if limit is not None and own is not None:
             bank = degrees(atan(limit * own.airspeed / GRAVITY))
             self._say_news("bank limit", True, f"vehicle banks {bank:.0f} deg at most")
+        if (lean := controller.lean).share < 1:
+            angle = degrees(atan(lean.found / GRAVITY))
+            self._say_news("lean limit", lean.share, f"leans {angle:.0f} deg at most, speed {controller.speed:.1f} m/s")
+        follows = controller.turns.follows
+        self._say_news("follows", not follows, FOLLOWS_AGAIN if follows else FOLLOWS_NOT)
         self._say_trouble(now)
 
     def _say_trouble(self, now: float) -> None:

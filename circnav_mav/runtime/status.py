@@ -4,10 +4,10 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
-from math import degrees, hypot, isfinite
+from math import atan, degrees, hypot, isfinite
 from typing import NamedTuple
 
-from circnav_mav.mav.frames import compass_from_vector
+from circnav_mav.mav.frames import GRAVITY, compass_from_vector
 from circnav_mav.mav.ranging.interface import OTHERS
 from circnav_mav.pilot import VEHICLE, Ending, OutputMode, Pilot, PilotSettings, TickRecord, phase_name
 from circnav_mav.pilot.authority import SILENT
@@ -232,8 +232,14 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None) -> 
             found.append(f"RANGE FROZEN: the same number for {frozen:.0f} s, ranges are rejected until it changes")
         if wrong := pilot.tracker.rates.trouble:
             found.append(f"RANGE RATE DROPPED: {wrong}")
+        if not pilot.controller.turns.follows and pilot.mission.steering:
+            found.append(f"VEHICLE DOES NOT FOLLOW turn commands: ends after {timing.unfollowed:g} s")
         if tick.gain_share < 1:
-            found.append(f"LIMIT CYCLE: turn command hits both limits, gains reduced to {100 * tick.gain_share:.0f} %")
+            found.append(f"LIMIT CYCLE: the turn swings, gains reduced to {100 * tick.gain_share:.0f} %")
+        if (lean := pilot.controller.lean).share < 1:
+            angle, V = degrees(atan(lean.found / GRAVITY)), pilot.settings.orbit.speed
+            words = f"the copter leans {angle:.0f} deg at most, too little for {V:g} m/s in this wind"
+            found.append(f"LEAN LIMIT: {words}: speed {pilot.controller.speed:.1f} m/s")
         if pilot.drift_alarm.on:
             found.append(f"DRIFT TOO STRONG: {pilot.drift_alarm.text}")
         if pilot.unwatched:

@@ -254,3 +254,18 @@ def test_the_settling_time_is_that_of_the_shortest_tangent_and_is_not_promised_f
     assert float(re.search(r"about (\d+) s", line.says)[1]) == pytest.approx(tangent, abs=1.5)
     assert "at most" not in line.says
     assert "laws on range alone may take twice as long" in line.says
+
+
+TIGHT = ("guidance.law=auto", *PLANE, "vehicle.turn_lag_s=0.5", "vehicle.max_turn_rate_deg_s=60.0")
+
+
+@pytest.mark.parametrize(("radius", "grade"), [(60, WARN), (68, PASS), (150, PASS)])
+def test_a_circle_on_which_the_loop_has_too_little_margin_warns_and_names_one_that_holds(mission, radius, grade):
+    """60 m at 15 m/s swung in 5 m/s of wind on firmware, where the geometry allows 5.6 m/s."""
+    line = only(mission, "margin", *TIGHT, f"orbit.radius_m={radius}")
+    assert line.grade is grade
+    assert ("a radius of 65 m holds up to 5.0 m/s" in line.says) == (radius == 60)
+
+
+def test_the_margin_is_of_the_laws_that_are_tuned_by_the_delay(mission):
+    assert not lines(mission, "margin", "guidance.law=smooth")

@@ -535,6 +535,8 @@ def test_a_height_above_a_home_that_is_not_told_fails():
         ("arducopter", "FENCE_ENABLE", {0: PASS, 1: WARN}),
         ("arducopter", "WPNAV_SPEED", {500.0: PASS, 499.0: WARN}),
         ("arducopter", "WPNAV_ACCEL", {240.0: PASS, 230.0: WARN}),
+        ("arducopter", "ANGLE_MAX", {3000.0: PASS, 2300.0: PASS, 2100.0: WARN, 800.0: WARN}),
+        ("px4_copter", "MPC_TILTMAX_AIR", {45.0: PASS, 20.0: WARN}),
         ("arduplane", "ROLL_LIMIT_DEG", {45.0: PASS, 44.0: FAIL}),
         ("arduplane", "AIRSPEED_CRUISE", {23.0: PASS, 25.0: WARN, 15.0: FAIL}),
         ("arduplane", "AIRSPEED_MIN", {23.0: FAIL}),

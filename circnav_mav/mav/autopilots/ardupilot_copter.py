@@ -7,7 +7,17 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.ardupilot import ARDUPILOT, FENCE, GCS_SYSTEM, ekf_action, gcs_failsafe
 from circnav_mav.mav.autopilots.interface import COPTER_TYPES, Addressee, Autopilot, body_velocity
-from circnav_mav.mav.autopilots.parameters import PASS, WARN, Context, Rule, Verdict, rule, timeout, velocity_limit
+from circnav_mav.mav.autopilots.parameters import (
+    PASS,
+    WARN,
+    Context,
+    Rule,
+    Verdict,
+    lean_limit,
+    rule,
+    timeout,
+    velocity_limit,
+)
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.setpoint_guard import Steer
 
@@ -66,6 +76,7 @@ class ArduCopter(Autopilot):
         GCS_SYSTEM,
         rule("FS_EKF_ACTION", ekf_action("lands (1) or holds height (2), some 8 s after GPS is gone")),
         Rule((("WP_SPD", 1.0), ("WPNAV_SPEED", 0.01)), velocity_limit, unit="m/s"),
+        Rule((("ANGLE_MAX", 0.01),), lean_limit, optional=True, unit="deg"),
         Rule((("WPNAV_ACCEL", 0.01),), _acceleration, optional=True, unit="m/s^2"),
         FENCE,
     )

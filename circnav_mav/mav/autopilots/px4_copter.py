@@ -4,7 +4,7 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.guidance.velocity_loop import VelocityLoop
 from circnav_mav.mav.autopilots.interface import COPTER_TYPES, Addressee, body_velocity
-from circnav_mav.mav.autopilots.parameters import at_least, rule, velocity_limit
+from circnav_mav.mav.autopilots.parameters import at_least, lean_limit, rule, velocity_limit
 from circnav_mav.mav.autopilots.px4 import OFFBOARD_RULES, PX4Vehicle
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import body_from_level
@@ -40,6 +40,7 @@ class PX4Copter(PX4Vehicle):
         *OFFBOARD_RULES,
         rule("MC_YAWRATE_MAX", _yaw_rate_limit),
         rule("MPC_XY_VEL_MAX", velocity_limit, optional=True),
+        rule("MPC_TILTMAX_AIR", lean_limit, optional=True),
     )
 
     def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
