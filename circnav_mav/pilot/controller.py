@@ -3,7 +3,7 @@
 from math import ceil, isfinite
 
 from circnav_mav.guidance.lean_limit import LeanLimit
-from circnav_mav.guidance.step import compensate_turn_gain, holding
+from circnav_mav.guidance.step import Flies, compensate_turn_gain, holding
 from circnav_mav.guidance.turn_response import Response, TurnAnswer
 from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, TurnCommand
 from circnav_mav.guidance.watches import Circles, next_trim
@@ -25,6 +25,7 @@ DEAF_AFTER = 1.0
 DOUBTED_AFTER = 0.7
 """Time of not turning as commanded, s, after which its path is not counted: a turn that swings through zero is
 commanded and flown at different moments for as long."""
+DRIFT = Flies.DRIFT.name.lower()
 LONGEST_DELAY = 2.0
 """Most delay of the link, s, that the gains are made for."""
 LONGEST_TRIM_STEP = 0.2
