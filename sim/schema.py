@@ -1,7 +1,11 @@
 """Strict reading of TOML tables with pydantic: known keys, values in range, or one clear line."""
 
 import difflib
+import errno
+import os
+import stat
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, WithJsonSchema
@@ -11,6 +15,17 @@ LONGEST_NAME = 10
 
 class ConfigError(ValueError):
     """A vehicle file that cannot be flown: one line naming the file, the key and the remedy."""
+
+
+def read_file(path: str | Path, most: int = 1_000_000) -> bytes:
+    """Contents of a regular file of at most so many bytes; reading a pipe or a device may never end. Raises OSError."""
+    if not stat.S_ISREG(os.stat(path).st_mode):
+        raise OSError(errno.EINVAL, "is not a regular file", str(path))
+    with open(path, "rb") as file:
+        data = file.read(most + 1)
+    if len(data) > most:
+        raise OSError(errno.EFBIG, os.strerror(errno.EFBIG), str(path))
+    return data
 
 
 class Table(BaseModel):

@@ -25,7 +25,7 @@ MAIN, RANGING = "main", "ranging"
 SETPOINTS = frozenset(
     {"MANUAL_CONTROL", "SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT"}
 )
-REMEMBERED = 100_000
+MAX_SETPOINT_LOG = 2_000
 TEXT_LENGTH = 50
 REBOOT_S = 2.0
 
@@ -49,11 +49,14 @@ class Vehicle:
         self._router = Router(own, identity.unknown_ids, identity.adopts_strays)
         self._streams = Streams(self._agenda, self._flight)
         self._services = Services(self._flight, self._streams, self._say)
-        self._setpoints: deque[tuple[float, str]] = deque(maxlen=REMEMBERED)
+        self._setpoints: deque[tuple[float, str]] = deque(maxlen=MAX_SETPOINT_LOG)
         self._steering = Steering(config.vehicle.steering)
         self._link(MAIN)
         ranging, version = config.ranging, config.vehicle.mavlink_version
         self._radio_wire = Link("radio", ranging.system_id, ranging.component_id, version, self._notary)
+        # The router forwards broadcasts to every component that has sent something, so to the radio as well. The radio
+        # reads nothing, and frames waiting for it would fill the memory of a long flight.
+        self._radio_wire.silent = True
         if ranging.via == "direct":
             self._link(RANGING)
         self._radio = RangingRadio(config, self._agenda, self._flight, self._radio_sends, self._driver)
@@ -103,7 +106,7 @@ class Vehicle:
 
     @property
     def setpoint_log(self) -> list[tuple[float, str]]:
-        """Accepted setpoints: simulated time, s, and message name; the last hundred thousand."""
+        """Accepted setpoints: simulated time, s, and message name; the last two thousand."""
         return list(self._setpoints)
 
     @property

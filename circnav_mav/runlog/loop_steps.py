@@ -4,14 +4,16 @@ speaks in a plain tlog."""
 import csv
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
 from itertools import chain, groupby, islice, pairwise
 from pathlib import Path
 
 from pymavlink.dialects.v20 import all as dialect
 
+from circnav_mav.foreign import read_lines
 from circnav_mav.mav.codec import Decoder, Ids, Message, ids
-from circnav_mav.mav.framing import V2
+from circnav_mav.mav.framing import V2, as_version_2
 from circnav_mav.mav.identity import describe_vehicle
 from circnav_mav.mav.ranging.interface import RangingSettings, Reject
 from circnav_mav.mav.ranging.reader import RangeReader
@@ -35,8 +37,8 @@ LONGEST_SILENCE = 3_600_000_000
 def recorded_steps(folder: Path) -> Iterator[LoopStep]:
     """The steps of a run folder, up to where its files were cut off or damaged. Raises OSError."""
     frames = (frame for _, frame in read_unbroken(folder / "flight.tlog"))
-    with (folder / "turns.csv").open(newline="", encoding="utf-8", errors="replace") as file:
-        rows = csv.reader(file)
+    with closing(read_lines(folder / "turns.csv", errors="replace")) as lines:
+        rows = csv.reader(lines)
         try:
             next(rows, ())
             for row in rows:
@@ -81,7 +83,9 @@ def tlog_steps(path: Path, ours: int, clock: "LogClock | None" = None) -> Iterat
     for (stamp, frames), (following, _) in pairwise(chain(stamped, [end])):
         assert stamp is not None
         time = clock.at(stamp, following)
-        received = [frame for frame in frames if frame[6 if frame[0] == V2 else 4] != ours]
+        # A vehicle that sends MAVLink 1 cannot be flown, because it may not read our MAVLink 2. In a replay nothing is
+        # sent to it, and its recorded frames say the same in either version.
+        received = [as_version_2(frame) for frame in frames if frame[6 if frame[0] == V2 else 4] != ours]
         if received:
             yield LoopStep(time, [("vehicle", "tlog", received)])
 

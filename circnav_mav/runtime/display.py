@@ -10,6 +10,7 @@ from math import degrees
 from rich.console import Console
 from rich.live import Live
 
+from circnav_mav.foreign import printable
 from circnav_mav.pilot import Pilot, TickRecord
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.mission_state import Phase
@@ -59,7 +60,7 @@ class PlainScreen:
             self._newest[label] = about
 
     def _print(self, text: str) -> None:
-        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
+        self._console.print(printable(text), highlight=False, markup=False, soft_wrap=True)
 
 
 class LiveScreen:

@@ -126,7 +126,7 @@ class Recorder:
             return
         try:
             action(*arguments)
-        except (OSError, ValueError) as error:
+        except Exception as error:
             self._broken = True
             self._note(f"{self.folder}: recording stopped: {getattr(error, 'strerror', None) or error}")
 

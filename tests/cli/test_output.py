@@ -20,13 +20,13 @@ COMMANDS = ["replay run", "preflight quickstart --seconds 1", "--help"]
 FULL = "circnav: standard output cannot be written: No space left on device\n"
 
 
-def ended(place, command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, *, kilobytes="unlimited", **environment):
-    """How `circnav COMMAND` ends in a process whose files may not be longer, which the kernel answers like a full disk;
-    bytecode would be cut off, too."""
+def ended(place, command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, *, limit="-f unlimited", **environment):
+    """How `circnav COMMAND` ends under a limit of `ulimit`. A file that may not be longer (-f, kB) is a full disk to
+    the kernel; bytecode would be cut off, too."""
     program = ["-c", UNDRAWN] if command.startswith("fly") else ["-m", "circnav_mav"]
     words = [sys.executable, "-B", *program, *command.split()]
     return subprocess.run(
-        ["bash", "-c", f'ulimit -f {kilobytes}; exec "$@"', "bash", *words], cwd=place, stdout=stdout, stderr=stderr,
+        ["bash", "-c", f'ulimit {limit}; exec "$@"', "bash", *words], cwd=place, stdout=stdout, stderr=stderr,
         text=True, check=False, env={"PYTHONPATH": str(ROOT), "PATH": "/bin"} | environment, timeout=PATIENCE,
     )  # fmt: skip
 
@@ -81,7 +81,7 @@ def test_a_reader_that_went_away_ends_the_command_without_a_word(told, command):
     ids=["a flight that went well has an exit code of its own", "one that did not keeps its own"],
 )  # fmt: skip
 def test_a_flight_that_was_not_recorded_to_its_end_says_so(tmp_path, options, kilobytes, code, outcome):
-    ran = ended(tmp_path, f"fly quickstart {options} --out run", kilobytes=kilobytes)
+    ran = ended(tmp_path, f"fly quickstart {options} --out run", limit=f"-f {kilobytes}")
     assert (ran.returncode, ran.stderr) == (code, "")
     assert f"{outcome.upper()}: " in ran.stdout
     assert "WARNING    run: recording stopped: File too large" in ran.stdout
@@ -92,6 +92,6 @@ def test_a_flight_that_was_not_recorded_to_its_end_says_so(tmp_path, options, ki
 def test_a_picture_that_finds_no_room_leaves_the_older_one_as_it_is(tmp_path):
     (tmp_path / "p").mkdir()
     (tmp_path / "p" / "example_1_track.png").write_text("older")
-    ran = ended(tmp_path, "paper --starts 1 --out p", kilobytes=10)
+    ran = ended(tmp_path, "paper --starts 1 --out p", limit="-f 10")
     assert (ran.returncode, ran.stderr) == (2, "circnav: p/example_1_track.png: File too large\n")
     assert [(path.name, path.read_text()) for path in (tmp_path / "p").iterdir()] == [("example_1_track.png", "older")]

@@ -30,7 +30,7 @@ CELL = "bench --law pd --situation calm"
         ("check mission.toml --set locate.cot=\"a\\u0000:6969\"", "mission.toml: locate.cot: must be host:port"),
         ("check mission.toml --set signing.key_file=~nosuchuser/key", "mission.toml: signing.key_file: "),
         ("check mission.toml --set signing.key_file=\"\\u0000\"", "mission.toml: signing.key_file: '\\x00' holds a"),
-        ("fly mission.toml --out LONG", "LONG/flight.tlog: File name too long"),
+        ("fly mission.toml --out LONG", "LONG: File name too long"),
         ("check LONG.toml", "LONG.toml: File name too long"),
         ("campaign LONG", "LONG: File name too long"),
         ("fly mission.toml --out /dev/null/run", "/dev/null/run: cannot be written: Not a directory"),

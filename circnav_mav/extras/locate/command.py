@@ -3,19 +3,19 @@
 from dataclasses import replace
 from pathlib import Path
 
-import click
 import numpy as np
 
-from circnav_mav.cli.exits import Exit, Refused, refusing
+from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.extras.locate.estimator import Knowledge, NotYet, locate
 from circnav_mav.extras.locate.export import geojson, kml
 from circnav_mav.extras.locate.map_picture import plot_map
 from circnav_mav.extras.locate.place import NOT_OBSERVABLE, Place, Plane
 from circnav_mav.extras.locate.range_log import EmptyLogError, RangeLog, read_log
+from circnav_mav.foreign import printable
 from circnav_mav.mission.load import MissionError, load_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.runlog.atomic_write import write_text
-from circnav_mav.runlog.run_folder import RunError, printable
+from circnav_mav.runlog.run_folder import RunError
 
 MIXED, POOR = 0.25, 0.05
 """Share of outliers that are more than outliers; noise over range that no radio has."""
@@ -73,9 +73,9 @@ def _one(log: RangeLog, plane: Plane, tag: str, sigma: float | None, known: Know
         if isinstance(rough, Place):
             ranges = replace(ranges, sigma=np.full(len(ranges.r), max(rough.noise, 0.01)))
     place = locate(plane, track, ranges, known)
-    click.echo(f"{tag}: {len(ranges.r)} ranges")
+    say(f"{tag}: {len(ranges.r)} ranges")
     if isinstance(place, NotYet):
-        click.echo(f"  WARNING    not located: {place.why}")
+        say(f"  WARNING    not located: {place.why}")
         return None
     _say(place, known)
     return place
@@ -83,24 +83,24 @@ def _one(log: RangeLog, plane: Plane, tag: str, sigma: float | None, known: Know
 
 def _say(place: Place, known: Knowledge) -> None:
     ellipse = place.ellipse
-    click.echo(f"  place      {place.words()}")
-    click.echo(
+    say(f"  place      {place.words()}")
+    say(
         f"  95 %       {ellipse.major:.1f} x {ellipse.minor:.1f} m, long axis {ellipse.azimuth:.0f} deg; the "
         f"positions' own error counts with {known.gps_sigma:g} m"
     )
     if not place.up_known:
-        click.echo(f"  height     {NOT_OBSERVABLE}")
-    click.echo(f"  ranges     noise {place.noise:.2f} m, bias {place.bias:+.2f} +-{place.bias_sigma:.2f} m")
+        say(f"  height     {NOT_OBSERVABLE}")
+    say(f"  ranges     noise {place.noise:.2f} m, bias {place.bias:+.2f} +-{place.bias_sigma:.2f} m")
     late = f"positions are stamped {place.delay:+.2f} +-{place.delay_sigma:.2f} s later than ranges"
     known_clocks = place.delay_sigma < known.delay_sigma
-    click.echo(f"  clocks     {late if known_clocks else 'offset not observable: the distance hardly changes'}")
+    say(f"  clocks     {late if known_clocks else 'offset not observable: the distance hardly changes'}")
     total = place.used + place.outliers
     if abs(place.up - known.up) > 3 * known.up_sigma:
-        click.echo(f"  WARNING    the ranges fit a target at {place.up:.0f} m only: are they slant ranges in metres?")
+        say(f"  WARNING    the ranges fit a target at {place.up:.0f} m only: are they slant ranges in metres?")
     if place.outliers:
-        click.echo(f"  outliers   {place.outliers} of {total} left out")
+        say(f"  outliers   {place.outliers} of {total} left out")
     if place.outliers > MIXED * total or place.noise > POOR * place.range_scale:
-        click.echo("  WARNING    the ranges fit no single place well: two tags mixed? Give the CSV a column tag")
+        say("  WARNING    the ranges fit no single place well: two tags mixed? Give the CSV a column tag")
 
 
 def _write(out: str | None, source: Path, places: dict[str, Place], log: RangeLog) -> None:
@@ -113,4 +113,4 @@ def _write(out: str | None, source: Path, places: dict[str, Place], log: RangeLo
     write_text(folder / f"{name}.geojson", table)
     write_text(folder / f"{name}.kml", kml(places))
     plot_map(folder / f"{name}.png", table, printable(str(source)))
-    click.echo(f"  written    {folder / name}.geojson, .kml, .png")
+    say(f"  written    {folder / name}.geojson, .kml, .png")

@@ -2,6 +2,7 @@
 
 import csv
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from math import inf, isfinite, nan
@@ -12,10 +13,11 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.extras.locate.estimator import Ranges, Track
 from circnav_mav.extras.locate.place import Plane
+from circnav_mav.foreign import printable, read_lines
 from circnav_mav.mav.codec import Message, ids
 from circnav_mav.mav.ranging.interface import RangingSettings, Reading
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
-from circnav_mav.runlog.run_folder import RunError, printable
+from circnav_mav.runlog.run_folder import RunError
 from circnav_mav.runlog.tlog import read_messages
 
 NAMES = {
@@ -91,7 +93,7 @@ def read_log(path: Path, name: str = RangingSettings().name) -> RangeLog:
 def _read_csv(file: Path) -> RangeLog:
     log = RangeLog()
     try:
-        with file.open(newline="", encoding="utf-8-sig") as lines:
+        with closing(read_lines(file)) as lines:
             rows = csv.DictReader(lines)
             columns = _columns(file, rows.fieldnames or [])
             for row in rows:
@@ -117,7 +119,7 @@ def _read_csv(file: Path) -> RangeLog:
                     told = LEAST_SIGMA <= cells["sigma"] < inf
                     tag = printable(row.get(columns.get("tag", ""), "") or "") or ONE_TAG
                     log.ranges.setdefault(tag, []).append((time, cells["range"], cells["sigma"] if told else nan))
-    except (UnicodeDecodeError, csv.Error) as error:
+    except (ValueError, csv.Error) as error:
         raise RunError(f"{file}: is no CSV: {error}") from None
     return log
 

@@ -5,9 +5,7 @@ from contextlib import closing
 from itertools import pairwise
 from math import inf, isfinite
 
-import click
-
-from circnav_mav.cli.exits import Exit, refusing
+from circnav_mav.cli.exits import Exit, refusing, say
 from circnav_mav.mav.clocks import quick_span, span_speed
 from circnav_mav.mission.preflight_ranging import outliers_among, residuals_of, spread_of
 from circnav_mav.pilot.survey import RangeHeard
@@ -32,7 +30,7 @@ def watch_radio(endpoint: str, seconds: float | None) -> int:
     with closing(link):
         heard = _listen(link, seconds or inf)
         for words, count in link.troubles.items():
-            click.echo(f"  WARNING    {words}" + (f" ({count} times)" if count > 1 else ""))
+            say(f"  WARNING    {words}" + (f" ({count} times)" if count > 1 else ""))
     return Exit.DONE if heard else Exit.NOTHING_HEARD
 
 
@@ -54,7 +52,7 @@ def _listen(link: RadioLink, seconds: float) -> bool:
         if now >= due:
             due += PERIOD
             for line in _lines(beacons, now):
-                click.echo(f"{now:6.1f} s  {line}")
+                say(f"{now:6.1f} s  {line}")
     return bool(beacons)
 
 

@@ -26,10 +26,8 @@ noise crosses it."""
 STANDING = 0.3
 """Speed, m/s, below which a reported velocity has no direction."""
 VELOCITY_IGNORED = dialect.POSITION_TARGET_TYPEMASK_VX_IGNORE | dialect.POSITION_TARGET_TYPEMASK_AX_IGNORE
-COPTER_TYPES = frozenset(
-    getattr(dialect, f"MAV_TYPE_{kind}")
-    for kind in ("QUADROTOR", "COAXIAL", "HELICOPTER", "HEXAROTOR", "OCTOROTOR", "TRICOPTER", "DODECAROTOR")
-)
+COPTER_KINDS = "QUADROTOR COAXIAL HELICOPTER HEXAROTOR OCTOROTOR TRICOPTER DECAROTOR DODECAROTOR GENERIC_MULTIROTOR"
+COPTER_TYPES = frozenset(getattr(dialect, f"MAV_TYPE_{kind}") for kind in COPTER_KINDS.split())
 PLANE_TYPES = frozenset((dialect.MAV_TYPE_FIXED_WING,))
 
 

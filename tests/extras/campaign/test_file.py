@@ -22,11 +22,8 @@ def refusal(path):
     [
         ('mission = "m.toml"\nruns = 3\nrunz = 4\n[vary]', "runz: unknown key, did you mean runs?"),
         ('mission = "m.toml"\n[vary]', "runs: missing, add it"),
-        ('mission = "m.toml"\nruns = 0\n[vary]', "runs: must be at least 1, not 0"),
         ('mission = "m.toml"\nruns = 3\n[vary]', "m.toml: cannot be read"),
         ("runs = ", "not valid TOML"),
-        ("a = " + "[" * 100_000, "not valid TOML: nested too deeply"),
-        ('mission = "m.toml"\nruns = 3\nseed = "É"\n[vary]', "seed: should be a valid integer, not 'É'"),
         (SHIPPED, "vary: is empty"),
         (RADIUS + "{unifrom = [1, 2]}", "radius_m: unifrom: unknown key, did"),
         (RADIUS + "{uniform = [2, 1]}", "radius_m: uniform: [2, 1] is empty"),
