@@ -11,7 +11,6 @@ import sys
 import warnings
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
 import click
 from circnav_sim.__main__ import main as emulator
