@@ -15,7 +15,7 @@ import click
 import pytest
 
 from circnav_mav.cli import circnav as cli
-from tests.cli.conftest import circnav, undrawn
+from tests.command_line import circnav, undrawn
 from tests.docs.test_pages import PAGES, ROOT
 from tests.process import PATIENCE, UNHURRIED, python, read_until, running
 from tests.process import circnav as process_of

@@ -135,8 +135,6 @@ SAYS = [
      "udpin:0.0.0.0:14550 hears 10.0.0.5 only"),
     ("peer", "link.endpoint=tcp:10.0.0.5:5760 link.peer=10.0.0.5", WARN,
      "link.peer has no effect: only udpin hears more than one address"),
-    ("locate", "locate.beacon=true locate.cot=239.2.3.1:6969", WARN,
-     "locate.beacon, locate.cot: nobody looks for the target, set locate.enabled = true"),
     # it loiters after 3 s, banking hard; a copter brakes
     ("exit", " ".join([*PLANE, "exit.action=stop"]), FAIL,
      "a plane left in its mode loiters 3 s later, banking hard at once: exit.action must command a mode, choose "
@@ -168,8 +166,6 @@ def test_a_line_has_the_number_its_bound_and_the_remedy(mission, subject, overri
         ("estimator", " ".join([*PLANE, "guidance.estimator=unicycle"])),
         ("delay", "limits.stale_s=0.5 limits.round_trip_s=1.0"),
         ("signing", "limits.stale_s=0.5"),
-        ("locate", "locate.enabled=true locate.beacon=true"),
-        ("locate", "handback.enabled=true locate.beacon=true"),
         ("peer", "link.endpoint=udpin:127.0.0.1:14550"),
         ("peer", "link.endpoint=serial:/dev/ttyS0:57600"),
     ],

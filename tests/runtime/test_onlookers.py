@@ -68,9 +68,7 @@ def test_one_that_fails_is_reported_once_and_shown_no_more_and_the_others_go_on(
     frames, seen, files, notes, problems = flown(broken, sound)
     assert (sound.steps, frames, sound.closed) == ([1.0, 2.0, 3.0], [b"frame"] * 3, True)
     assert (files, notes) == ({"sound.txt": "heard"}, ["  sound"])
-    assert problems == [
-        f"broken: stopped{when}: ValueError('Out of range float values are not JSON compliant')"
-    ]
+    assert problems == [f"broken: stopped{when}: ValueError('Out of range float values are not JSON compliant')"]
     assert seen[0] == {"place": "known"} and "SOUND: loud" in seen[1]
 
 

@@ -6,7 +6,6 @@ from unittest.mock import Mock
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runtime.onlookers import Onlooker, Onlookers
 from circnav_mav.runtime.runner import StopRequest, listen, run
 
