@@ -1,4 +1,4 @@
-"""pyproject.toml and setup.py against the repository: whatever a wheel needs is listed, and its page has no dead link."""
+"""pyproject.toml and setup.py against the repository: a wheel has all that it needs, and its page has no dead link."""
 
 import re
 import runpy
