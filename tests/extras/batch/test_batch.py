@@ -38,7 +38,7 @@ from circnav_mav.report import plots
 
 WINDY = Situation("windy", wind=5.0, duration=30.0)
 OUTAGE = Situation("outage", wind=5.0, ranging=Ranging(outage=10.0), duration=40.0)
-QUICKSTART = Path(__file__).parents[2] / "config" / "quickstart.toml"
+QUICKSTART = Path(__file__).parents[3] / "config" / "quickstart.toml"
 
 
 class InTheAir:
