@@ -110,7 +110,8 @@ def mission_of(table: Mapping[str, Any], where: str, text: str = "") -> Mission:
 def whole_schema() -> type[MissionFile]:
     """Return the schema of a mission file with the tables of the extras that are installed."""
     tables: dict[str, Any] = {name: (model, model()) for name, model in table_models().items()}
-    return create_model("MissionFile", __base__=MissionFile, __doc__=MissionFile.__doc__, **tables)
+    doc = "The whole file. `sim` belongs to the bundled vehicle, which checks it itself."
+    return create_model("MissionFile", __base__=MissionFile, __doc__=doc, **tables)
 
 
 def _clashes(file: MissionFile) -> Iterator[str]:

@@ -88,16 +88,6 @@ def is_there(process):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_map_of_the_target_that_cannot_be_written_is_told_and_counts_as_not_recorded(circnav, tmp_path):
-    (tmp_path / "run" / "target.geojson").mkdir(parents=True)
-    surveyed = ("--set", "locate.enabled=true", "--set", 'guidance.law="smooth"', "--duration", 45)
-    ran = circnav("fly", "quickstart", *surveyed, "--out", tmp_path / "run")
-    assert (ran.code, ran.err) == (5, "")
-    assert "WARNING    target.geojson cannot be written: Is a directory\n" in ran.out
-    assert (tmp_path / "run" / "target.kml").is_file()
-
-
-@pytest.mark.usefixtures("undrawn")
 def test_every_alarm_that_began_is_kept_once_for_the_marks_of_the_report_also_that_nothing_is_recorded(
     circnav, tmp_path
 ):
@@ -111,7 +101,7 @@ def test_every_alarm_that_began_is_kept_once_for_the_marks_of_the_report_also_th
 
 @pytest.mark.usefixtures("undrawn")
 def test_a_display_that_fails_ends_no_flight_and_costs_one_line(fly, monkeypatch):
-    monkeypatch.setattr("circnav_mav.runtime.display.Display.show", fails)
+    monkeypatch.setattr("circnav_mav.runtime.display.Display.on_step", fails)
     assert "display: stopped at " in fly()[0]
 
 

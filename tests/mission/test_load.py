@@ -352,18 +352,6 @@ def test_what_is_no_address_is_refused_with_an_example(text, peer):
     assert refusal(text, f"link.peer={peer!r}").startswith(example)
 
 
-@pytest.mark.parametrize("where", ["239.2.3.1:99999", "239.2.3.1:0", "239.2.3.1", ":6969", "::1:6969", "tak:x"])
-def test_a_place_for_datagrams_has_a_host_and_a_port_that_exists(text, where):
-    line = 'm.toml: locate.cot: must be host:port, port 1 .. 65535, such as "239.2.3.1:6969"'
-    assert refusal(text, f"locate.cot={where!r}").startswith(line)
-
-
-def test_a_camera_is_no_copters_which_would_turn_its_nose(text, mission):
-    assert refusal(text, "locate.camera=true").startswith("m.toml: locate.camera: is true, a copter turns its nose")
-    plane = ("vehicle.kind=plane", "vehicle.max_bank_deg=45", "locate.enabled=true", "locate.camera=true")
-    assert mission(*plane).locate_settings.camera
-
-
 def test_a_campaign_file_is_known_as_one(config):
     path = config / "campaigns" / "wind.toml"
     with pytest.raises(MissionError, match=rf"is a campaign file, fly it with: circnav campaign {path}$"):

@@ -98,22 +98,6 @@ def test_a_setpoint_is_answered_alone_and_all_else_that_is_due_follows_it(rig):
     assert {"HEARTBEAT", "TIMESYNC", "NAMED_VALUE_FLOAT"} <= followed - answered
 
 
-def test_the_filter_prepares_nothing_between_a_range_and_its_setpoint_whatever_else_comes_with_it(rig, monkeypatch):
-    """One datagram of a router holds a range and more; in a replay its frames come one by one."""
-    estimator, order = rig.engage().pilot.tracker.estimator, []
-    settle = estimator.settle
-    rig.pilot.take_records()
-    rig.pass_time(0.1)
-    rig.range()
-    monkeypatch.setattr(estimator, "settle", lambda: order.append("settled") or settle())
-    rig.heartbeat()
-    assert rig.pilot.answer(rig.now)
-    order.append("answered")
-    rig.pilot.follow_up(rig.now)
-    rig.pilot.take_records()
-    assert order == ["answered", "settled"]
-
-
 def test_a_setpoint_that_the_shell_held_back_is_neither_counted_nor_recorded_as_sent(rig):
     before = rig.engage().pilot.setpoints_sent
     rig.pilot.take_records()

@@ -10,6 +10,7 @@ from rich.console import Console
 from circnav_mav.pilot import OutputMode, Phase
 from circnav_mav.pilot.settings import HeightSettings
 from circnav_mav.runtime.display import LiveScreen
+from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.picture import Picture
 from circnav_mav.runtime.status import Watch
 from tests.flight.lockstep import flight
@@ -90,7 +91,7 @@ def test_ranges_that_are_refused_are_counted_by_reason_and_those_of_an_outage_or
     flown = flight("px4_copter")
     assert flown.pilot.status.waits_for(0.0) == "no autopilot heartbeat, 0 bytes heard"
     flown.fly(8.0)
-    status = Watch(flown.pilot).status(flown.ticks[-1], 8.0)
+    status = Watch(flown.pilot, Onlookers()).status(flown.ticks[-1], 8.0)
     assert status.others > 30
     assert "wrong_source" not in status.rejected
     assert flown.ticks[-1].rejected == sum(status.rejected.values())
@@ -118,7 +119,7 @@ def test_the_target_is_told_as_seen_from_the_vehicle_and_drift_by_where_it_goes_
     """Vehicle 30 m east and 40 m south of the target, carried north: by hand."""
     flown = flight("quickstart").fly(6.0)
     tick = flown.ticks[-1]._replace(x=30.0, y=-40.0, drift_x=0.0, drift_y=2.0, turn_gain=0.72, turn_delay=0.46)
-    status = Watch(flown.pilot).status(tick, 6.0, "disk full")
+    status = Watch(flown.pilot, Onlookers()).status(tick, 6.0, "disk full")
     assert status.target == "bearing 323 deg, drift 2.0 m/s towards 000 deg"
     assert status.alarms == ("NOT RECORDING: disk full",)
     lines = "\n".join(drawn(status))

@@ -38,7 +38,7 @@ from circnav_mav.report import plots
 
 WINDY = Situation("windy", wind=5.0, duration=30.0)
 OUTAGE = Situation("outage", wind=5.0, ranging=Ranging(outage=10.0), duration=40.0)
-QUICKSTART = Path(__file__).parents[2] / "config" / "quickstart.toml"
+QUICKSTART = Path(__file__).parents[3] / "config" / "quickstart.toml"
 
 
 class InTheAir:
@@ -73,7 +73,7 @@ class InTheAir:
         if seen.arrived[i]:
             sample = RangeSample(now, now, float(seen.z[i]), float(seen.sigma[i]))
             self.newest[i] = self.newest[i] if estimator.observe(sample) is Fused.GATED else now
-            estimator.settle()
+            estimator.drift.bank.search()  # the batch searches at once
         estimate, pending = estimator.at(now), under_way.at(now, self.answer, float(seen.turn_rate[i]))
         if estimator.ready and now - self.newest[i] < STALE + 1e-6:
             command = steer(estimate, 0.0, pending).turn_rate
