@@ -20,8 +20,16 @@ from circnav_mav.pilot import VEHICLE, OutputMode, Pilot, PilotSettings
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.report.plots import plot_replay
 from circnav_mav.runlog.atomic_write import atomic_write
-from circnav_mav.runlog.loop_steps import LogClock, LogSources, RangeSource, recorded_steps, tlog_steps
-from circnav_mav.runlog.replay import Replayed, as_ticks, differences, held_gain, replay, without_timeouts
+from circnav_mav.runlog.loop_steps import LogClock, LogSources, RangeSource, has_requests, recorded_steps, tlog_steps
+from circnav_mav.runlog.replay import (
+    Replayed,
+    as_flown_before,
+    as_ticks,
+    differences,
+    held_gain,
+    replay,
+    without_timeouts,
+)
 from circnav_mav.runlog.run_folder import Run, RunError, open_run
 from circnav_mav.runlog.summary import UNRECORDED
 from circnav_mav.runlog.ticks import Ticks
@@ -70,7 +78,9 @@ def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str 
         raise Refused(f"{run.folder / 'manifest.json'}: voice: {run.voice!r} is none that a flight has") from None
     settings = mission.pilot_settings(voice)
     gain = _held_gain(run, settings)
-    pilot = Pilot(settings if gain is None else replace(settings, turn_gain=gain))
+    settings = settings if gain is None else replace(settings, turn_gain=gain)
+    with refusing(run.folder):
+        pilot = Pilot(settings if has_requests(run.folder) else as_flown_before(settings))
     done = _replayed(run.folder, pilot, recorded_steps(run.folder), empty="an empty run, nothing was recorded")
     whole = _say_damage(run, done, pilot)
     if gain is not None:

@@ -1,20 +1,12 @@
-"""What goes on over a flight beside the law: its circles, one after the other, and a slow integral that holds their
-mean radius; the mission's bounds; a drift that the circle does not allow."""
+"""What goes on over a flight beside the law: a slow integral that holds the mean radius, the mission's bounds, and a
+drift that the circle does not allow."""
 
 from dataclasses import dataclass
-from math import inf, pi
 from typing import NamedTuple
 
 from circnav_mav.guidance.laws import tolerated_drift
-from circnav_mav.guidance.step import LawChoice, steering
-from circnav_mav.guidance.types import Orbit, RangeEstimate, TurnRate
+from circnav_mav.guidance.types import Orbit, RangeEstimate
 
-LAPS = 1.25
-"""Turned on a circle before the next one begins: one lap to survey by, and the way into the band of NEAR."""
-NEAR = 0.1
-"""Radius error, in units of the radius, within which a turn counts for the circle."""
-LONGEST_STEP = 0.2
-"""Most time, s, that counts between two steps: what was turned in a gap is not known."""
 TRIM_NEAR = 0.2
 """The radius trim grows only within this fraction of the radius, where the law is linear, and while nothing saturates;
 farther off it only unwinds, for what it holds may be what keeps the vehicle there."""
@@ -27,28 +19,6 @@ PERSISTS = 3.0
 """Time, s, for which the drift must be too strong before the alarm is raised: the estimate follows single gusts."""
 ALLOWED_AGAIN = 0.9
 """Share of the allowed drift below which the alarm ends."""
-
-
-class Circles:
-    """orbit: of the circle that is flown now. steer: the law on it. A second radius tells the survey a height from a
-    range bias. When it begins is decided by range and turn alone, as everything that steers."""
-
-    def __init__(self, first: tuple[Orbit, LawChoice], *later: tuple[Orbit, LawChoice]) -> None:
-        """Raises ValueError where the radius correction does not exist for a gain."""
-        self._later = [(orbit, steering(orbit, law)) for orbit, law in later]
-        self.orbit, self.steer = first[0], steering(*first)
-        self._turned, self._time = 0.0, inf
-
-    def turned(self, estimate: RangeEstimate, turn_rate: TurnRate) -> bool:
-        """Count a steered step. turn_rate: of the vehicle. Tells whether the next circle begins."""
-        orbit, dt = self.orbit, min(max(estimate.time - self._time, 0.0), LONGEST_STEP)
-        self._time = estimate.time
-        if abs(estimate.r - orbit.radius) <= NEAR * orbit.radius:
-            self._turned += orbit.direction.turn_sign * turn_rate * dt
-        complete = bool(self._later) and self._turned >= LAPS * 2 * pi
-        if complete:
-            self._turned, (self.orbit, self.steer) = 0.0, self._later.pop(0)
-        return complete
 
 
 def next_trim(

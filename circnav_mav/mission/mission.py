@@ -3,11 +3,12 @@
 from dataclasses import dataclass, replace
 from math import inf, radians, tan
 
+from circnav_mav.guidance.circle_change import CircleLimits
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
-from circnav_mav.guidance.estimators.range_rate import SteadyState, steady_state
+from circnav_mav.guidance.estimators.range_rate import SteadyState
 from circnav_mav.guidance.estimators.table import default_estimator
 from circnav_mav.guidance.step import LawChoice
-from circnav_mav.guidance.tuning import default_gain
+from circnav_mav.guidance.tuning import LawTuning
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.guidance.watches import Bounds
 from circnav_mav.mav.autopilots.interface import AirLoops, Autopilot, VehicleFacts
@@ -62,16 +63,29 @@ class Mission:
         return Orbit(self.radii[0], direction, vehicle.speed_mps, min(banked, given))
 
     @property
+    def tuning(self) -> LawTuning:
+        """The law, and what its gain follows from on any circle."""
+        guidance, ranging = self.file.guidance, self.file.ranging
+        return LawTuning(
+            guidance.law,
+            self.estimation,
+            self.file.vehicle.turn_lag_s,
+            ranging.sigma_m,
+            1 / ranging.rate_hz,
+            guidance.gain,
+            guidance.correct_radius,
+            ranging.rate_sigma_mps if self.estimator == "measured" else None,
+        )
+
+    @property
     def law(self) -> LawChoice:
-        """The law with its gain: the file's, or the default."""
-        guidance = self.file.guidance
-        gain = guidance.gain or self.default_gain
-        return LawChoice(guidance.law, gain, guidance.correct_radius, self.file.vehicle.turn_lag_s)
+        """The law with its gain on the first circle: the file's, or the default."""
+        return self.tuning.choice(self.orbit)
 
     @property
     def default_gain(self) -> float:
         """The law's default for this circle and the delay of this loop."""
-        return default_gain(self.file.guidance.law, self.orbit.speed, self.orbit.radius, self.loop_lag)
+        return self.tuning.default_gain(self.orbit)
 
     @property
     def estimator(self) -> str:
@@ -81,17 +95,12 @@ class Mission:
     @property
     def loop_lag(self) -> float:
         """Delay from a change of range rate to the vehicle's turn, s: the filter's and the vehicle's."""
-        return self.file.vehicle.turn_lag_s + self.steady_estimate.lag
+        return self.tuning.loop_lag(self.orbit.radius)
 
     @property
     def steady_estimate(self) -> SteadyState:
-        """Noise and lag of the range rate on the circle: of a filter by the ranges alone, for a measured rate may be
-        dropped in flight, and the gains stay."""
-        ranging = self.file.ranging
-        period = 1 / ranging.rate_hz
-        if self.estimator == "measured":
-            return SteadyState(ranging.rate_sigma_mps, period / 2)
-        return steady_state(self.estimation, r=self.orbit.radius, sigma=ranging.sigma_m, period=period)
+        """Noise and lag of the range rate on the circle."""
+        return self.tuning.steady_estimate(self.orbit.radius)
 
     @property
     def estimation(self) -> EstimatorSettings:
@@ -208,7 +217,21 @@ class Mission:
             ),
             unsigned_links=self._unsigned_links(),
             height=self.height,
-            later_circles=tuple((circle.orbit, circle.law) for circle in self.circles[1:]),
+            tuning=self.tuning,
+            later_radii=self.radii[1:],
+            circle_limits=self._circle_limits(),
+        )
+
+    def _circle_limits(self) -> CircleLimits:
+        """What a change of the circle in flight must keep to."""
+        bounds, given = self.file.bounds, self.file.vehicle.turn_gain
+        gains = [given] if isinstance(given, float) else [one.least_turn_gain for one in self.vehicles]
+        return CircleLimits(
+            speed=self.orbit.speed,
+            nearest=bounds.min_range_m or 0.0,
+            farthest=min(bounds.max_range_m or inf, self.max_range),
+            keeps_speed=any(one.cruises for one in self.vehicles),
+            turn_gain=min(gains, default=1.0),
         )
 
     def _unsigned_links(self) -> frozenset[str]:

@@ -2,11 +2,12 @@
 
 from math import ceil, isfinite
 
+from circnav_mav.guidance.circle_change import MIN_INTERVAL, NEAR, SPEED_SHARE, CircleRequest, LapCounter, obstacle
 from circnav_mav.guidance.lean_limit import LeanLimit
-from circnav_mav.guidance.step import Flies, compensate_turn_gain, holding
+from circnav_mav.guidance.step import Flies, Steering, compensate_turn_gain, holding
 from circnav_mav.guidance.turn_response import Response, TurnAnswer
-from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, TurnCommand
-from circnav_mav.guidance.watches import Circles, next_trim
+from circnav_mav.guidance.types import SAME_TIME, OwnMotion, RangeEstimate, TurnCommand
+from circnav_mav.guidance.watches import next_trim
 from circnav_mav.mav.autopilots.interface import Addressee
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import YawRate, turn_rate_from_yaw_rate, yaw_rate_from_turn_rate
@@ -38,11 +39,15 @@ class Controller:
     def __init__(self, settings: PilotSettings) -> None:
         orbit, facts = settings.orbit, settings.facts
         self._settings = settings
-        self._circles = Circles((orbit, settings.law), *settings.later_circles)
+        self.orbit = orbit
+        """The circle that is flown now."""
+        self._steer = Steering(orbit, settings.law)
+        self._later, self._laps = list(settings.later_radii), LapCounter()
+        self._changed_at = float("-inf")
         self._guard = SetpointGuard(
             Limits(
                 max_yaw_rate=orbit.max_turn_rate,
-                max_speed=orbit.speed,
+                max_speed=orbit.speed * (1 if settings.circle_limits.keeps_speed else 1 + SPEED_SHARE),
                 max_yaw_acceleration=settings.max_yaw_acceleration,
                 max_bank=facts.max_bank,
                 max_pitch=facts.loops.max_pitch,
@@ -65,11 +70,6 @@ class Controller:
         """Time, s, and range, m, of the last steered step."""
 
     @property
-    def orbit(self) -> Orbit:
-        """The circle that is flown now."""
-        return self._circles.orbit
-
-    @property
     def turn_gain(self) -> float:
         """Realised over commanded turn rate, as used now."""
         return self._answer.gain
@@ -88,7 +88,7 @@ class Controller:
     @property
     def speed(self) -> float:
         """Speed to command, m/s: V, or what a copter's lean limit leaves of it."""
-        return self._settings.orbit.speed * self.lean.share
+        return self.orbit.speed * self.lean.share
 
     @property
     def response(self) -> Response:
@@ -131,15 +131,31 @@ class Controller:
         motion = estimate.relative if estimate is not None else None
         pending = self._answer.pending(now, 0.0 if motion is None else motion.turn_rate)
         if phase is Phase.ENGAGED and estimate is not None:
-            command = self._circles.steer(estimate, self._trim, pending, self.turns.share)
+            command = self._steer(estimate, self._trim, pending, self.turns.share)
             self._trim_radius(estimate, command)
-            if self._circles.turned(estimate, command.turn_rate):
-                self._trim = 0.0  # it was learnt on the circle before
+            if self._later and self._laps.complete(estimate, orbit, command.turn_rate):
+                self.change_circle(CircleRequest(radius=self._later.pop(0), by="mission"), now)
         elif phase is Phase.HOLDING:
             command = holding(orbit, motion, pending)
         else:
             return None
         return compensate_turn_gain(command, orbit.max_turn_rate, self.turn_gain)
+
+    def change_circle(self, request: CircleRequest, now: float) -> str:
+        """Fly another circle from now on. Return why it cannot be flown, empty if it is."""
+        if now - self._changed_at < MIN_INTERVAL - SAME_TIME:
+            return f"{now - self._changed_at:.2f} s after the last change, wait {MIN_INTERVAL:g} s"
+        wanted = request.applied(self.orbit)
+        if why := obstacle(request, self.orbit, self._settings.circle_limits):
+            return why
+        try:
+            self._steer.change(wanted, self._settings.tuning.choice(wanted))
+        except ValueError as error:
+            return str(error)
+        if abs(wanted.radius / self.orbit.radius - 1) > NEAR or wanted.direction is not self.orbit.direction:
+            self._trim = 0.0  # it was learned on the circle before
+        self.orbit, self._changed_at = wanted, now
+        return ""
 
     def setpoint(self, command: TurnCommand, session: Session, now: float) -> tuple[Message, YawRate]:
         """The message that flies a command, and the yaw rate in it. Raises UnsafeSetpointError."""

@@ -13,6 +13,7 @@ from math import atan, degrees
 
 from pymavlink.dialects.v20.all import MAV_SEVERITY_NOTICE, MAV_SEVERITY_WARNING
 
+from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.guidance.side_slip import SideSlip
 from circnav_mav.guidance.types import Orbit, OwnMotion, RangeEstimate, TurnCommand
 from circnav_mav.guidance.velocity_loop import CopterMotion
@@ -106,6 +107,13 @@ class Pilot:
         self._finish(Outcome(Ending.INTERRUPTED, reason), now)
         self.scheduler.at_once()
 
+    def request_circle(self, request: CircleRequest, now: float) -> str:
+        """Fly another circle, if vehicle, bounds and rate of change allow it. Return why not, empty if it is flown."""
+        why = self.controller.change_circle(request, now)
+        if why:
+            self._say("circle refused", f"{request.by}: {why}", severity=MAV_SEVERITY_WARNING)
+        return why
+
     def abandon(self, reason: str) -> None:
         """An error of ours has ended the flight, whatever it had come to."""
         self.mission.outcome = Outcome(Ending.ABORTED, reason)
@@ -142,6 +150,8 @@ class Pilot:
         own = nose = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
         if own is None or nose is None:
             return
+        if not adapter.flies:  # its tilt is the ground's, and pushes nothing
+            own = own._replace(push=None)
         if adapter.velocity_loop is not None and self.mission.steering:
             self._copter_motion, own = self._copter_motion.follow(own, adapter.velocity_loop)
             self.controller.drag = self._copter_motion.drag

@@ -20,7 +20,7 @@ from circnav_mav.mav.ranging.reader import RangeReader
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.statustext import plain_text
 from circnav_mav.pilot import Pilot
-from circnav_mav.pilot.loop_step import HELD_BACK, LoopStep
+from circnav_mav.pilot.loop_step import HELD_BACK, LoopStep, requests_from
 from circnav_mav.runlog.tlog import message_id, read_tlog, read_unbroken
 
 LINKS = {"v": "vehicle", "r": "ranging"}
@@ -47,6 +47,12 @@ def recorded_steps(folder: Path) -> Iterator[LoopStep]:
             return  # frames are counted off one by one: behind a damaged line nobody knows whose they are
 
 
+def has_requests(folder: Path) -> bool:
+    """True if a run folder is of a version that records requests for another circle. Raises OSError."""
+    with (folder / "turns.csv").open(encoding="utf-8", errors="replace") as file:
+        return "requests" in file.readline()
+
+
 def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
     """A line of turns.csv with its frames out of the tlog. Raises ValueError, KeyError for what the recorder never
     wrote, and where the frames are not all there."""
@@ -57,14 +63,15 @@ def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
             raise ValueError("the log ends")
         return taken
 
-    time_us, datagrams, said, hello, interrupt, *attached = row
+    time_us, datagrams, said, hello, interrupt, *later = row
     parts, held_back = (datagram.partition("*") for datagram in datagrams.split()), said == HELD_BACK
     return LoopStep(
         int(time_us) / 1e6,
         heard=[(LINKS[source[:1]], source, take(int(count))) for source, _, count in parts],
         said=take(0 if held_back else int(said or 0)),
         hello=take(int(hello or 0)),
-        attached=take(int(attached[0] or 0) if attached else 0),
+        attached=take(int(later[0] or 0) if later else 0),
+        requests=requests_from(later[1]) if len(later) > 1 else [],
         interrupt=interrupt,
         held_back=held_back,
     )

@@ -1,13 +1,14 @@
 """The seam for what watches a flight from outside: the live page, the survey and other extras.
 
-An onlooker is shown every step of the loop. Nothing that it does reaches the pilot, and an error in it never ends the
-flight.
+An onlooker is shown every step of the loop, and an error in it never ends the flight. The one thing that it may ask of
+the pilot is another circle, which the pilot checks; an import contract keeps that from those that know positions.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Pilot, TickRecord
@@ -33,6 +34,10 @@ class Onlooker:
 
     def on_step(self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None) -> Sequence[bytes]:
         """Take in a step and the newest tick. Return frames to send to the vehicle, from a component of its own."""
+        return ()
+
+    def circle_requests(self, now: float) -> Sequence[CircleRequest]:
+        """Return requests for another circle, for a fleet that spaces itself."""
         return ()
 
     def facts(self, now: float) -> Mapping[str, str]:
@@ -97,6 +102,13 @@ class Onlookers:
             onlooker.called_off = called_off
             frames += self._guarded(onlooker, _at(step.time), onlooker.on_step, newest, step, recording_problem) or ()
         return frames
+
+    def circle_requests(self, now: float) -> list[CircleRequest]:
+        """Return the requests of all onlookers for another circle."""
+        requests: list[CircleRequest] = []
+        for onlooker in self._working():
+            requests += self._guarded(onlooker, _at(now), onlooker.circle_requests, now) or ()
+        return requests
 
     def facts(self, now: float) -> dict[str, str]:
         """Return the lines of all onlookers, by their labels."""

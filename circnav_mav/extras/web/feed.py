@@ -170,7 +170,7 @@ def _facts(pilot: Pilot, name: str, tolerance: float) -> dict[str, Any]:
         "name": name,
         "date": utc_minute(),
         "circle": pilot.settings.circles,
-        "radii": [orbit.radius, *(later.radius for later, _ in pilot.settings.later_circles)],
+        "radii": [orbit.radius, *pilot.settings.later_radii],
         "radius": orbit.radius,
         "tolerance": tolerance,
         "limit": orbit.max_turn_rate,

@@ -62,7 +62,7 @@ class RangingSettings:
     repeat values faster than that. max_sigma: standard deviation, reported or measured, m, above which a range is of no
     use. rate_name: the NAMED_VALUE_FLOAT that carries the range rate, None for none. rate_sign: "opening" where it is
     positive away from the target, "closing" where it is positive towards it. rate_sigma_mps: standard deviation to
-    assume.
+    assume. listens: False to steer without having listened for a second source.
     """
 
     message: str = "distance_sensor"
@@ -83,6 +83,7 @@ class RangingSettings:
     rate_name: str | None = None
     rate_sign: str = "opening"
     rate_sigma_mps: float = 0.3
+    listens: bool = True
 
 
 class Reading(NamedTuple):

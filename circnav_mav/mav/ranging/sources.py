@@ -69,7 +69,7 @@ class RangeSources:
 
     def __init__(self, kind: RangingMessage, settings: RangingSettings) -> None:
         self._kind = kind
-        self._listen = max(LISTEN, LISTEN_PERIODS / settings.rate_hz)
+        self._listen = max(LISTEN, LISTEN_PERIODS / settings.rate_hz) if settings.listens else 0.0
         self._heard: dict[RangeSource, _Heard] = {}
         self._since: float | None = None
         """Time of the first range of a source that the mission picks, s."""

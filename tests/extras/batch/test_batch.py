@@ -29,7 +29,7 @@ from circnav_mav.extras.bench.bench import judged, run
 from circnav_mav.extras.bench.table import draw, line, markdown
 from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator
-from circnav_mav.guidance.step import holding, steering
+from circnav_mav.guidance.step import Steering, holding
 from circnav_mav.guidance.turn_response import PendingTurn, Response
 from circnav_mav.guidance.types import Direction, OwnMotion, RangeSample
 from circnav_mav.mission.checks import check_mission
@@ -47,7 +47,7 @@ class InTheAir:
     def __init__(self, sense):
         ways = [Direction.COUNTERCLOCKWISE if s > 0 else Direction.CLOCKWISE for s in sense]
         orbits, choice = [replace(ORBIT, direction=way) for way in ways], tune(ORBIT)
-        self.flights = [(o, AutoEstimator(ESTIMATION), steering(o, choice), PendingTurn()) for o in orbits]
+        self.flights = [(o, AutoEstimator(ESTIMATION), Steering(o, choice), PendingTurn()) for o in orbits]
         self.answer = Response(0.0, TURN_LAG, 1 / TURN_LAG)
         self.newest = [-np.inf] * sense.size
         self.estimator = Auto(ESTIMATION, sense.size, ORBIT.speed)  # for its metrics alone
