@@ -36,7 +36,8 @@ class Vehicle:
         seen = []
         for _ in range(round(seconds / STEP)):
             self.now, self.heading = self.now + STEP, self.heading + rate * STEP
-            self.controller.on_motion(OwnMotion(self.now, self.heading, rate, 15.0))
+            own = OwnMotion(self.now, self.heading, rate, 15.0)
+            self.controller.on_motion(own, own)
             seen.append(self.controller.at_speed)
         return seen
 
