@@ -5,12 +5,14 @@ import json
 import shutil
 import signal
 import socket
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
+from typing import IO
 
 import pytest
 
@@ -18,6 +20,9 @@ from circnav_mav.cli import main
 from tests import small_mission
 from tests.browser import CHROMIUM, Browser
 from tests.flight.recorded import recorded_flight
+from tests.process import PATIENCE, ROOT, UNDRAWN
+
+FULL = "circnav: standard output cannot be written: No space left on device\n"
 
 
 @dataclass
@@ -138,3 +143,23 @@ def browser(chromium: Browser) -> Browser:
     chromium.open("about:blank")
     chromium.complaints.clear()
     return chromium
+
+
+def ended(place, command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, *, limit="-f unlimited", **environment):
+    """How `circnav COMMAND` ends under a limit of `ulimit`. A file that may not be longer (-f, kB) is a full disk to
+    the kernel; bytecode would be cut off, too."""
+    program = ["-c", UNDRAWN] if command.startswith("fly") else ["-m", "circnav_mav"]
+    words = [sys.executable, "-B", *program, *command.split()]
+    return subprocess.run(
+        ["bash", "-c", f'ulimit {limit}; exec "$@"', "bash", *words], cwd=place, stdout=stdout, stderr=stderr,
+        text=True, check=False, env={"PYTHONPATH": str(ROOT), "PATH": "/bin"} | environment, timeout=PATIENCE,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def full() -> Iterator[IO[str]]:
+    """A file on a disk that is full."""
+    if not Path("/dev/full").exists():
+        pytest.skip("needs /dev/full")
+    with Path("/dev/full").open("w") as file:
+        yield file

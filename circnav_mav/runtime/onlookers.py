@@ -61,7 +61,7 @@ class Onlooker:
 
 @dataclass(frozen=True, slots=True)
 class OnlookerSettings:
-    """What an onlooker may use. options: of `circnav fly`, by name. others: all onlookers of the flight."""
+    """Everything that an onlooker may use. options: of `circnav fly`, by name. others: all onlookers of the flight."""
 
     mission: Mission
     pilot: Pilot

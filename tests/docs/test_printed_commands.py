@@ -26,6 +26,7 @@ ELSEWHERE = {"tutorial-pilot.md", "tutorial-researcher.md", "tutorial-integrator
 """Pages whose commands test_commands.py runs, as they stand there."""
 NOT_RUN = {
     r"python3 -m venv": ".ci/run installs the wheel in an empty folder, and runs the tests by that very line",
+    r"\. \.venv/bin/activate": "the same",
     r"pip install": "the same; the driver of radios.md: test_commands.py",
     r"sudo ": "changes the computer",
     r"plotjuggler ": "opens a window; its layout: test_pages.py",

@@ -143,7 +143,7 @@ def test_plain_output_tells_each_new_alarm_and_what_is_waited_for_once(statuses)
 
 def test_plain_lines_end_with_the_flight_while_a_hand_back_goes_on():
     flown, out = flight("quickstart", "limits.duration_s=2.0").fly(40.0), io.StringIO()
-    screen, watch = PlainScreen(Console(file=out, width=200)), Watch(flown.pilot)
+    screen, watch = PlainScreen(Console(file=out, width=200)), Watch(flown.pilot, Onlookers())
     for second in range(30):
         screen.draw(watch.status(flown.ticks[-1], flown.now + second))
     assert flown.pilot.done

@@ -174,7 +174,7 @@ def test_bars_lean_to_the_side_that_is_flown_and_the_sparkline_falls_with_the_er
 def alarms_of(name, seconds, *overrides):
     """All alarms of the first seconds of a bundled flight."""
     under_way, found = flight(name, *overrides), set()
-    watch = Watch(under_way.pilot)
+    watch = Watch(under_way.pilot, Onlookers())
     under_way.fly(seconds, lambda f: f.ticks and found.update(watch.status(f.ticks[-1], f.now).alarms))
     assert under_way.pilot.mission.phase is Phase.ENGAGED
     return found
@@ -195,7 +195,7 @@ def test_a_radio_that_does_what_its_mission_says_raises_no_alarm(name, overrides
 
 def test_a_height_that_is_not_known_yet_is_waited_for_and_no_alarm():
     rig = Rig(height=HeightSettings(target_altitude=500.0)).run(5.0)
-    watch = Watch(rig.pilot)
+    watch = Watch(rig.pilot, Onlookers())
     for _ in range(10):
         status = watch.status(rig.run(0.5).pilot.take_records()[-1], rig.now)
     assert status.alarms == () and status.rejected["no_height"] > 90
@@ -205,7 +205,7 @@ def test_a_height_that_is_not_known_yet_is_waited_for_and_no_alarm():
 def test_a_computer_that_sends_a_tenth_of_the_setpoints_is_said_to():
     """It steps twice a second: setpoints go out that late, whatever the phase is called."""
     rig = Rig().engage()
-    watch = Watch(rig.pilot)
+    watch = Watch(rig.pilot, Onlookers())
     found = []
     for n in range(60):
         rig.pass_time(0.45)

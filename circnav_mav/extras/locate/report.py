@@ -1,4 +1,4 @@
-"""What the survey adds to a flight's verdict and report."""
+"""The part of the survey in a flight's verdict and report."""
 
 from typing import Annotated, Any, Self
 

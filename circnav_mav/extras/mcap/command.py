@@ -7,7 +7,7 @@ from circnav_mav.foreign import open_file
 from circnav_mav.runlog.run_folder import RunError, open_run
 
 MAGIC = b"\x89MCAP0\r\n"
-"""How an MCAP file begins."""
+"""First bytes of an MCAP file."""
 
 
 def export_run(folder: str, mcap: str | None) -> int:

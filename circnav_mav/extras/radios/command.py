@@ -35,7 +35,7 @@ def watch_radio(endpoint: str, seconds: float | None) -> int:
 
 
 def _listen(link: RadioLink, seconds: float) -> bool:
-    """Whether any range was heard."""
+    """True if any range was received."""
     beacons: dict[int, deque[RangeHeard]] = {}
     clock, stop = Clock(), StopRequest()
     due, now = PERIOD, 0.0
@@ -80,7 +80,7 @@ def _describe(beacon: int, ranges: list[RangeHeard], now: float) -> str:
 
 
 def _clock(ranges: list[RangeHeard]) -> str:
-    """How fast the radio's clock runs, and how evenly its ranges come by it."""
+    """Describe the speed of the radio's clock, and how evenly its ranges come by it."""
     if all(one.stamp == one.arrival for one in ranges):
         return "no clock"
     span = quick_span([(one.arrival, one.stamp) for one in ranges])

@@ -14,6 +14,7 @@ from circnav_mav.extras.paper.paper import (
     study,
     table,
 )
+from tests.command_line import ended
 
 STARTS = random_starts(60, 3)
 
@@ -86,3 +87,11 @@ def test_wrong_usage_is_refused_and_nothing_is_written(circnav, mission):
     for option in ("--starts=0", "--seed=-1"):
         assert circnav("paper", option).code == 2
     assert list(mission.parent.iterdir()) == [mission]
+
+
+def test_a_picture_that_finds_no_room_leaves_the_older_one_as_it_is(tmp_path):
+    (tmp_path / "p").mkdir()
+    (tmp_path / "p" / "example_1_track.png").write_text("older")
+    ran = ended(tmp_path, "paper --starts 1 --out p", limit="-f 10")
+    assert (ran.returncode, ran.stderr) == (2, "circnav: p/example_1_track.png: File too large\n")
+    assert [(path.name, path.read_text()) for path in (tmp_path / "p").iterdir()] == [("example_1_track.png", "older")]
