@@ -2,7 +2,7 @@
 or a fleet. Every change is a request that is checked here, recorded, and replayed."""
 
 from dataclasses import dataclass, replace
-from math import degrees, inf, pi
+from math import inf, pi
 from typing import NamedTuple
 
 from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate, TurnRate
@@ -64,7 +64,7 @@ def obstacle(request: CircleRequest, orbit: Orbit, limits: CircleLimits) -> str:
     able = limits.turn_gain * wanted.max_turn_rate
     if abs(wanted.steady_turn_rate) >= able:
         least = wanted.speed / able
-        return f"radius {wanted.radius:g} m too small for {degrees(able):.0f} deg/s, least {least:.0f} m"
+        return f"radius {wanted.radius:g} m: turn rate allows {least:.0f} m"
     return ""
 
 

@@ -111,7 +111,7 @@ class Pilot:
         """Fly another circle, if vehicle, bounds and rate of change allow it. Return why not, empty if it is flown."""
         why = self.controller.change_circle(request, now)
         if why:
-            self._say("circle refused", f"{request.by}: {why}", severity=MAV_SEVERITY_WARNING)
+            self._say("circle refused", why, severity=MAV_SEVERITY_WARNING)
         return why
 
     def abandon(self, reason: str) -> None:
