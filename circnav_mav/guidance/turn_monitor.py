@@ -153,14 +153,17 @@ def _evidence(bins: deque[TurnBin], width: int) -> int:
     newest = list(bins)[-width:]
     flown = np.array([one.flown for one in newest])
     predicted = np.array([one.predicted for one in newest])
-    square, product, total = (predicted**2).sum(0), flown @ predicted, float(flown @ flown)
+    square, product = (predicted**2).sum(0), flown @ predicted
 
-    def left(least: float, most: float) -> float:
+    def errors(least: float, most: float) -> Batch:
         gain = np.clip(product / np.maximum(square, 1e-9), least, most)
-        return float((total - 2 * gain * product + gain**2 * square).min())
+        return np.asarray((flown[:, None] - gain * predicted) ** 2)
 
-    following = left(LEAST_GAIN, MOST_GAIN)
-    other = min(left(REVERSED_GAIN, WEAK_GAIN), total - float(flown.sum()) ** 2 / width)
+    # One bin may be wrong: an attitude that came late, a setpoint that was lost. Not following lasts.
+    followed = errors(LEAST_GAIN, MOST_GAIN)
+    following = float((followed.sum(0) - followed.max(0)).min())
+    weak = float(errors(REVERSED_GAIN, WEAK_GAIN).sum(0).min())
+    other = min(weak, float(flown @ flown) - float(flown.sum()) ** 2 / width)
     if abs(following - other) * BIN < EVIDENCE:
         return 0
     return -1 if other < BETTER * following else int(following < BETTER * other)

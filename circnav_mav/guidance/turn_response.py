@@ -193,8 +193,8 @@ class TurnBins:
 
     def __init__(self, candidates: CandidateTurns) -> None:
         self._candidates = candidates
-        self._begin: tuple[float, float, Array | None] | None = None
-        """Time, s, turned angle and the candidates' angles at the begin of this bin."""
+        self._begin: tuple[float, float, float, Array | None] | None = None
+        """Time, s, turned angle, delay of the link and the candidates' angles at the begin of this bin."""
 
     def take(self, time: float, turned: float, link: float) -> Binned | None:
         """Take in an angle turned (rad, from anywhere, unwrapped) by a time (s); return the bin that it completes.
@@ -202,11 +202,18 @@ class TurnBins:
         if self._candidates.commanded is None or (self._begin is not None and time - self._begin[0] < BIN):
             return None
         begin, angles = self._begin, self._candidates.at(time - link)
-        self._begin = time, turned, angles
-        if begin is None or begin[2] is None or angles is None or time - begin[0] > 2 * BIN:
+        self._begin = time, turned, link, angles
+        if begin is None or time - begin[0] > 2 * BIN:
             return None
-        width = time - begin[0]
-        return Binned(width, (angles - begin[2]) / width, (turned - begin[1]) / width)
+        began, turned_before, link_before, angles_before = begin
+        if link != link_before:
+            # The estimate of the delay jumps with a late answer. Both ends of a bin go by one delay: else it would hold
+            # commands of another length of time, and a vehicle on its circle seemed to be sent the other way.
+            angles_before = self._candidates.at(began - link)
+        if angles is None or angles_before is None:
+            return None
+        width = time - began
+        return Binned(width, (angles - angles_before) / width, (turned - turned_before) / width)
 
     def reset(self) -> None:
         """Begin anew."""

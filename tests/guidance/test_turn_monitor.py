@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from circnav_mav.guidance.turn_monitor import BIN, LEAST, TurnBin, TurnMonitor
+from circnav_mav.guidance.turn_response import CandidateTurns, TurnBins
 
 LIMIT = 0.5
 DELAYS = (0, 1, 2, 4)
@@ -47,6 +48,10 @@ def test_a_vehicle_that_follows_late_and_by_any_gain_in_gusts_raises_nothing(gai
 )
 def test_one_that_does_not_is_found_within_5_s_of_the_turns(flown):
     assert not monitored(circle, flown, 5.0, noise=0.01).follows
+
+
+def test_one_wrong_bin_is_no_disobedience():
+    assert monitored(lambda t: 0.2, lambda t, said: -0.5 if t % 15 < BIN else said[-2], 120.0, noise=0.01).follows
 
 
 def test_what_is_followed_again_ends_it_and_a_turn_that_does_not_change_does_not():
@@ -110,3 +115,16 @@ def test_a_swing_that_stops_lowers_the_gains_no_further():
         for seconds in (30.0, 200.0)
     ]
     assert shares[0] == shares[1] < 1.0
+
+
+def test_a_link_whose_delay_is_estimated_anew_changes_no_prediction():
+    candidates = CandidateTurns()
+    bins, rates = TurnBins(candidates), []
+    for i in range(400):
+        time = 0.05 * i
+        candidates.command(time, 0.2)
+        new = bins.take(time, 0.2 * time, 0.05 if i % 17 < 9 else 0.6)
+        if new is not None and time > 3.0:
+            rates.append(new.predicted)
+    assert len(rates) > 30
+    assert np.allclose(rates, 0.2)
