@@ -77,6 +77,8 @@ def read_table(kind: type[Section], table: object, where: str) -> Section:
     here, parts, context, given = where, wrong["loc"], wrong.get("ctx", {}), wrong["input"]
     for part in parts:
         here = f"{here}[{part}]" if isinstance(part, int) else place(here, part)
+    if isinstance(given, int) and not -(2**63) <= given < 2**63:  # Python does not print thousands of digits
+        raise ConfigError(f"{here}: is beyond 64 bits")
     if wrong["type"] == "extra_forbidden":
         known = list(_inner(kind, parts[:-1]).model_fields)
         raise ConfigError(f"{here}: unknown key{nearest(str(parts[-1]), known) or '; known keys: ' + ', '.join(known)}")

@@ -50,8 +50,7 @@ def in_one_line(error: BaseException) -> str:
     if isinstance(error, OSError):
         return f"{error.filename or 'this computer'}: {error.strerror or error}"
     at = traceback.extract_tb(error.__traceback__)[-1]
-    place = f"{Path(at.filename).name}:{at.lineno}"
-    return f"internal error: {type(error).__name__}: {error} ({place}; python -X dev -m circnav_mav shows all)"
+    return f"internal error: {type(error).__name__}: {error} ({Path(at.filename).name}:{at.lineno})"
 
 
 @contextmanager

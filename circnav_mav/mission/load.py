@@ -59,9 +59,12 @@ def parse_mission(text: str, where: str, overrides: Iterable[str] = (), folder: 
     become absolute, so that the file as flown can be flown again from its run folder. Raises MissionError."""
     table = read_toml(text, where)
     changes = [(*_override(override), override) for override in overrides]
-    _change(table, changes, folder, where)
-    flown = text if table == tomllib.loads(text) else _written(text, changes, folder, table)
-    return mission_of(table, where, flown)
+    try:
+        _change(table, changes, folder, where)
+        flown = text if table == tomllib.loads(text) else _written(text, changes, folder, table)
+        return mission_of(table, where, flown)
+    except (ValueError, OverflowError, RecursionError) as error:  # as of a number of thousands of digits
+        raise MissionError(f"{where}: cannot be read as a mission: {error}") from None
 
 
 def _change(table: Any, changes: Iterable[tuple[list[str], Any, str]], folder: Path | None, where: str) -> None:
@@ -201,10 +204,7 @@ def in_words(error: ValidationError, schema: type[BaseModel]) -> str:
     one."""
     problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
     missing = [".".join(map(str, problem["loc"])) for problem in problems if problem["type"] == "missing"]
-    try:
-        told = [_one_in_words(problem, schema) for problem in problems if problem["type"] != "missing"]
-    except (ValueError, OverflowError):  # Python neither prints nor formats whole numbers of thousands of digits
-        return "a number is beyond 64 bits: give a smaller one"
+    told = [_one_in_words(problem, schema) for problem in problems if problem["type"] != "missing"]
     if missing:
         told.append(f"{', '.join(missing)}: missing, add {'it' if len(missing) == 1 else 'them'}")
     more = f"; and {len(told) - MOST_PROBLEMS} more" if len(told) > MOST_PROBLEMS else ""

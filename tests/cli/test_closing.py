@@ -123,9 +123,10 @@ def test_an_error_of_ours_leaves_a_safe_setpoint_behind_and_says_where_it_is_wri
     monkeypatch.setattr("circnav_mav.pilot.Pilot.last_words", lambda pilot, now: safe.append(now) or b"")
     ran = circnav("fly", "quickstart", "--out", tmp_path / "run")
     report = tmp_path / "run" / "error.txt"
-    assert (ran.code, ran.line, len(safe)) == (1, f"circnav: internal error, see {report}", 1)
+    cause = "internal error: IndexError: list index out of range (test_closing.py:25)"
+    assert (ran.code, ran.line, len(safe)) == (1, f"circnav: {cause}, see {report}", 1)
     assert "IndexError: list index out of range" in report.read_text()
-    assert strict(tmp_path / "run" / "summary.json")["reason"] == "internal error: list index out of range"
+    assert strict(tmp_path / "run" / "summary.json")["reason"] == cause
 
 
 @pytest.mark.usefixtures("undrawn")

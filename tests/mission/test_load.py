@@ -6,10 +6,12 @@ from math import pi
 from pathlib import Path
 
 import pytest
-from hypothesis import example, given
+from circnav_sim.config import ConfigError, VehicleConfig, parse_vehicle
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from circnav_mav.guidance.types import Direction
+from circnav_mav.mission.checks import check_mission
 from circnav_mav.mission.load import MissionError, _keys, load_mission, parse_mission
 from circnav_mav.mission.schema import MissionFile
 from circnav_mav.pilot import RANGING, VEHICLE, OutputMode
@@ -226,24 +228,26 @@ WORDS = (
     "2026-01-01", 400 * "9", 5000 * "9", "0x" + 5000 * "f", 2000 * "[",
 )  # fmt: skip
 LINES = [*TEXT.splitlines(), "[sim]", "[signing]", "[handback]", 'key_file = "\\u0000"', "\x1b", "é=", "orbit.x.y = 1"]
+KEYS = [*_keys(MissionFile), *(f"sim.{key}" for key in _keys(VehicleConfig))]
 
 
+@settings(max_examples=500)
 @given(
     st.one_of(st.text(), st.lists(st.sampled_from(LINES)).map("\n".join)),
-    st.lists(
-        st.tuples(st.sampled_from(list(_keys(MissionFile))), st.one_of(st.sampled_from(WORDS), st.text())), max_size=3
-    ),
+    st.lists(st.tuples(st.sampled_from(KEYS), st.one_of(st.sampled_from(WORDS), st.text())), max_size=3),
 )
 @example("", [("orbit.radius_m", "[1, " + 5000 * "9" + "]")])
 def test_any_text_gives_a_mission_or_one_line_that_names_the_file(text, changes):
-    """Whole or spoiled files, each with overrides of any kind, up to the settings of the flight."""
+    """Whole or spoiled files, each with overrides of any kind, up to the settings of pilot and bundled vehicle."""
     overrides = [f"{key}={value}" for key, value in changes]
     for whole in (text, TEXT + text):
         try:
-            parse_mission(whole, "m.toml", overrides, Path("/")).pilot_settings()
-        except MissionError as error:
+            mission = parse_mission(whole, "m.toml", overrides, Path("/"))
+            mission.pilot_settings()
+            check_mission(mission)
+            parse_vehicle(mission.file.sim or {}, "m.toml: sim")
+        except (MissionError, ConfigError) as error:
             assert str(error).startswith(("m.toml: ", "--set "))
-            assert len(str(error)) < 2000 + len(text)
 
 
 def test_text_that_is_not_toml_is_shown():
