@@ -103,11 +103,14 @@ def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[Range
     if len(used) == 1:
         used[0].vehicle = ""
     if strangers:
-        used[0].note(
+        line = (
             f"ranges of {', '.join(strangers)} are left out: none of the vehicles {', '.join(map(str, tracks))} has "
             "this system id; give --vehicle for the one that carries the radio"
         )
-    if options.ranges and not any(log.ranges for log in used):
+        if not any(log.ranges for log in used):
+            raise EmptyLogError(line)
+        used[0].note(line)
+    elif options.ranges and not any(log.ranges for log in used):
         _name_values(senders, options)
     return used
 
