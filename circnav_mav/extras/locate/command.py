@@ -16,7 +16,7 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from circnav_mav.cli.exits import Exit, Refused, refusing
 from circnav_mav.extras.locate.estimator import Knowledge, NotYet, locate
 from circnav_mav.extras.locate.export import geojson, kml
-from circnav_mav.extras.locate.logs.interface import ReadOptions
+from circnav_mav.extras.locate.logs.interface import UNITS, ReadOptions, meters_in
 from circnav_mav.extras.locate.logs.table import read_logs, with_positions
 from circnav_mav.extras.locate.map_picture import plot_map
 from circnav_mav.extras.locate.parameters import PARAMETERS
@@ -46,7 +46,10 @@ def locate_log(
     with refusing(source):
         flown = _mission(source)
         name = range_name or (flown.file.ranging.name if flown is not None else ReadOptions().range_name)
-        options = ReadOptions(name, units, range_columns, _zone(timezone), vehicle)
+        unit = None if units is None else meters_in(units)
+        if units is not None and unit is None:
+            raise Refused(f"--units {units}: is no unit: {', '.join(UNITS)}, or the number of meters in one")
+        options = ReadOptions(name, unit, range_columns, _zone(timezone), vehicle)
         with _busy(f"reading {printable(source.name)}"):
             logs = _read(source, options, positions)
         if flown is not None:
@@ -68,7 +71,7 @@ def locate_log(
                 up=ground if altitude is None else altitude, up_sigma=50.0 if altitude is None else 1.0,
                 gps_sigma=gps_sigma, bias_sigma=bias, delay_sigma=CLOCKS,
             )  # fmt: skip
-            place = _one(log, tag, sigma, known, search_unit=units is None)
+            place = _one(log, tag, sigma, known, search_unit=unit is None)
             if place is not None:
                 places[tag] = place
         if not places:
@@ -147,11 +150,7 @@ def _one(log: RangeLog, tag: str, sigma: float | None, known: Knowledge, *, sear
     else:
         _say(place, known)
     if better is not None:
-        gain = f" {better.gain:.1f} times better" if better.gain else ""
-        click.echo(
-            f"  WARNING    the ranges fit{gain} in {better.unit}, not in m: {better.place.words()}. If they are in "
-            f"{better.unit}, give --units {better.unit}"
-        )
+        click.echo(f"  WARNING    {better}")
     return found
 
 

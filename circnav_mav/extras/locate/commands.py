@@ -4,8 +4,6 @@ import click
 
 from circnav_mav.cli.describe import Finite, Folder, command
 
-UNITS = ("m", "cm", "mm", "dm", "km", "ft", "yd", "mi", "nmi")
-"""As `logs.interface` reads them."""
 ERROR = Finite(0.001, 1000)
 """A standard deviation, m."""
 
@@ -17,7 +15,7 @@ ERROR = Finite(0.001, 1000)
 @click.option("--positions", type=click.Path(), metavar="FILE", help="Positions from here: GPX, .pos, NMEA, a log.")
 @click.option("--range-name", metavar="NAME", help="NAMED_VALUE, debug key or MESSAGE.FIELD that is the range.")
 @click.option("--range-column", "range_columns", multiple=True, metavar="NAME", help="Column of a CSV with ranges.")
-@click.option("--units", type=click.Choice(UNITS), help="Unit of the ranges. [default: as the log says, or m]")
+@click.option("--units", metavar="UNIT", help="Of the ranges: m, cm, ft, nmi ... [default: as the log says, or m]")
 @click.option("--timezone", metavar="ZONE", help="Of times without one: +02:00, Europe/Vienna. [default: UTC]")
 @click.option(
     "--sigma", type=ERROR, metavar="M", help="Noise of the ranges, where the log says none. [default: as it shows]"

@@ -8,12 +8,16 @@ from circnav_mav.extras.locate.estimator import Knowledge, Ranges, Track, locate
 from circnav_mav.extras.locate.logs.interface import METERS, UNITS
 from circnav_mav.extras.locate.place import Place, Plane
 
+FACTORS = {**{unit: METERS[unit] for unit in UNITS}, **{f"{factor:g}": factor for factor in (0.5, 2.0, 10.0, 100.0)}}
+"""Units that are tried, and factors of a radio in another mode than its driver expects: there and back, cm for mm."""
 TRIED = 120
 """Ranges that are tried in each unit."""
 FITS = 0.005
 """Noise over range up to which the unit is not questioned: the wrong one leaves more, but on a perfect circle."""
 BETTER = 0.5
 """Noise in the better unit, as a share of the noise in meters, from which it is reported."""
+ALIKE = 1.25
+"""Noise over the least noise up to which two units fit equally well."""
 SLACK = 10.0
 """What ranges and positions may contradict each other by, m."""
 
@@ -25,6 +29,11 @@ class BetterUnit:
     unit: str
     place: Place
     gain: float | None
+
+    def __str__(self) -> str:
+        better = f" {self.gain:.1f} times better" if self.gain else ""
+        way = f"in {self.unit}, not in m" if self.unit in METERS else f"multiplied by {self.unit}"
+        return f"the ranges fit{better} {way}: {self.place.words()}. If that is right, give --units {self.unit}"
 
 
 def is_plausible(place: Place, known: Knowledge) -> bool:
@@ -42,14 +51,19 @@ def better_unit(
     if not doubtful and place is not None and is_plausible(place, known):
         return None
     thin = ranges.take(np.arange(0, len(ranges.r), max(1, len(ranges.r) // TRIED)))
-    rough = {unit: found for unit in UNITS if (found := _tried(plane, track, thin, known, METERS[unit])) is not None}
+    tried = ((unit, _tried(plane, track, thin, known, factor)) for unit, factor in FACTORS.items())
+    rough = {unit: found for unit, found in tried if found is not None}
     meters = rough.pop("m", None)
     if meters is not None and not is_plausible(meters, known):
         meters = None
-    candidates = {unit: one.noise / METERS[unit] for unit, one in rough.items() if is_plausible(one, known)}
+    candidates = {unit: one.noise / FACTORS[unit] for unit, one in rough.items() if is_plausible(one, known)}
     if not candidates:
         return None
-    unit = min(candidates, key=candidates.__getitem__)
+    # On a circle round the target the range is constant, and several units fit, each with its own height: the likeliest
+    # height tells them apart.
+    least = min(candidates.values())
+    alike = [unit for unit, noise in candidates.items() if noise <= ALIKE * least]
+    unit = min(alike, key=lambda unit: abs(rough[unit].up - known.up))
     if meters is None:
         return BetterUnit(unit, rough[unit], None)
     gain = meters.noise / max(candidates[unit], 1e-6)

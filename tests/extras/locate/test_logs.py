@@ -1,5 +1,9 @@
 """Logs as people have them: cases reduced from public bug reports, and formats written by hand."""
 
+import os
+import pty
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
@@ -7,7 +11,6 @@ from itertools import pairwise
 from math import nan
 from pathlib import Path
 
-import click
 import geojson
 import numpy as np
 import pytest
@@ -17,14 +20,13 @@ from circnav_mav import cli
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.extras.locate import export
 from circnav_mav.extras.locate.command import _zone
-from circnav_mav.extras.locate.commands import UNITS as OFFERED
 from circnav_mav.extras.locate.estimator import Knowledge, Ranges, Track, locate
-from circnav_mav.extras.locate.logs.interface import METERS, UNITS, ReadOptions
+from circnav_mav.extras.locate.logs.interface import ReadOptions
 from circnav_mav.extras.locate.logs.table import read_logs, with_positions
 from circnav_mav.extras.locate.parameters import PARAMETERS
 from circnav_mav.extras.locate.place import Place, Plane
 from circnav_mav.extras.locate.range_log import EmptyLogError, RangeLog
-from circnav_mav.extras.locate.units import better_unit
+from circnav_mav.extras.locate.units import FACTORS, better_unit
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runlog.run_folder import RunError
 from tests.extras.locate import log_writers as write
@@ -233,6 +235,15 @@ def test_a_table_means_the_same_whatever_its_delimiter_names_units_and_empty_cel
     assert any(noted in note for note in log.notes) if noted else not log.notes
 
 
+@pytest.mark.parametrize(("step", "unit"), [(0.2, ""), (200, "milliseconds"), (200_000, "microseconds")])
+def test_times_of_a_boot_clock_without_a_unit_are_noted_where_they_cannot_be_seconds(tmp_path, step, unit):
+    lines = [f"{7 * step + number * step:g},47.3,8.5,{100 + number}" for number in range(30)]
+    (tmp_path / "log.csv").write_text("\n".join(["timestamp,lat,lon,distance", *lines]))
+    (log,) = read_logs(tmp_path / "log.csv")
+    assert log.positions[-1][0] - log.positions[0][0] == pytest.approx(5.8) and (unit in "".join(log.notes))
+    assert bool(log.notes) == bool(unit)
+
+
 @pytest.mark.parametrize("encoding", ["utf-16", "cp1252", "utf-8-sig"])
 def test_a_table_is_read_in_the_encodings_of_spreadsheets(tmp_path, encoding):
     text = PLAIN.replace("latitude", "latitude (°)").replace(",", "\t")
@@ -246,7 +257,7 @@ def test_columns_are_picked_by_name_and_a_unit_given_outweighs_that_of_the_heade
         read_logs(tmp_path / "log.csv")
     with pytest.raises(RunError, match="no column 'd3'"):
         read_logs(tmp_path / "log.csv", ReadOptions(range_columns=("d3",)))
-    (log,) = read_logs(tmp_path / "log.csv", ReadOptions(range_columns=("D1_m", "anchor 2"), units="ft"))
+    (log,) = read_logs(tmp_path / "log.csv", ReadOptions(range_columns=("D1_m", "anchor 2"), unit=0.3048))
     assert {tag: [row[1] for row in found] for tag, found in log.ranges.items()} == {
         "D1_m": pytest.approx([3.048, 3.3528]),
         "anchor 2": pytest.approx([6.096, 6.4008]),
@@ -344,15 +355,26 @@ def test_positions_come_from_a_file_beside_the_ranges(tmp_path, writer: Callable
         with_positions(apart, read_logs(positions, ReadOptions(ranges=False)), positions)
 
 
-@pytest.mark.parametrize("unit", [unit for unit in UNITS if unit not in ("m", "dm")])
+@pytest.mark.parametrize("unit", [unit for unit in FACTORS if unit != "m"])
 def test_ranges_in_another_unit_are_named_with_the_option_that_reads_them(unit):
     track, ranges, target = circles(noise=0.3, target=(30.0, -20.0))
     shifted = replace(track, east=track.east + 15.0)  # not round the target: its distance changes
     east, north = (np.interp(ranges.time, shifted.time, way) for way in (shifted.east, shifted.north))
     r = np.sqrt((east - target[0]) ** 2 + (north - target[1]) ** 2 + 40.0**2)
-    wrong = Ranges(ranges.time, r / METERS[unit], ranges.sigma)
+    wrong = Ranges(ranges.time, r / FACTORS[unit], ranges.sigma)
     better = better_unit(PLANE, shifted, wrong, Knowledge(up=400.0, sigma_known=False), None)
     assert better is not None and better.unit == unit
+    assert off(better.place, PLANE.to_degrees(*target)) < 6
+
+
+def test_on_a_circle_round_the_target_the_likeliest_height_tells_the_unit():
+    """Any unit fits a constant range: from another height."""
+    track, ranges, target = circles(laps=2)
+    feet, known = replace(ranges, r=ranges.r / 0.3048), Knowledge(up=440.0, sigma_known=False)
+    place = locate(PLANE, track, feet, known)
+    better = better_unit(PLANE, track, feet, known, place)
+    assert better is not None and better.unit == "ft" and better.gain is None
+    assert str(better).startswith("the ranges fit in ft, not in m: 47.2994")
     assert off(better.place, PLANE.to_degrees(*target)) < 6
 
 
@@ -446,10 +468,27 @@ def test_parameters_give_the_place_the_known_height_and_what_32_bits_lose():
     assert "param set RNGBC1_ALT 584.20" in px4 and "# RNGBC2_ALT: the height is not observable" in px4
 
 
-def test_the_options_offer_what_the_readers_know():
-    assert OFFERED == UNITS and set(UNITS) <= set(METERS)
-    with pytest.raises(click.BadParameter):
-        cli.circnav.main(["locate", str(CASES / "02-feet.csv"), "--units", "furlong"], standalone_mode=False)
-    with pytest.raises(Refused, match="--timezone Mars: is no time zone") as refusal:
-        cli.circnav.main(["locate", str(CASES / "02-feet.csv"), "--timezone", "Mars"], standalone_mode=False)
+@pytest.mark.parametrize(
+    ("option", "says"),
+    [
+        (("--timezone", "Mars"), "--timezone Mars: is no time zone"),
+        (("--units", "furlong"), "--units furlong: is no unit: m, cm, .* or the number of meters in one"),
+        (("--units", "-1"), "--units -1: is no unit"),
+    ],
+)
+def test_an_option_that_means_nothing_is_bad_usage(option, says):
+    with pytest.raises(Refused, match=says) as refusal:
+        cli.circnav.main(["locate", str(CASES / "02-feet.csv"), *option], standalone_mode=False)
     assert refusal.value.exit == Exit.USAGE
+
+
+def test_a_terminal_shows_what_is_being_done_and_the_output_stays_clean(tmp_path):
+    terminal, other_end = pty.openpty()
+    command = [sys.executable, "-m", "circnav_mav", "locate", str(CASES / "02-feet.csv"), "--out", str(tmp_path)]
+    run = subprocess.run(command, stdout=subprocess.PIPE, stderr=other_end, timeout=300, check=True)
+    os.close(other_end)
+    shown = os.read(terminal, 1 << 16)
+    os.close(terminal)
+    assert (
+        b"locating target" in shown and b"locating" not in run.stdout and run.stdout.startswith(b"target: 120 ranges")
+    )

@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from itertools import pairwise
 from math import inf, isfinite, nan
 from pathlib import Path
 
@@ -49,6 +50,8 @@ UNIX = 1e8
 """A number of seconds from here on counts from 1970: 1973."""
 EPOCHS = ((1e17, 1e-9, "nanoseconds"), (1e14, 1e-6, "microseconds"), (1e11, 1e-3, "milliseconds"))
 """From here on a time without a unit is no number of seconds: seconds would be after the year 5000."""
+TOO_SLOW, ENOUGH = 8.0, 10
+"""Usual time between rows, s, from which a place is never found, and the number of steps that tell it."""
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 IN_BRACKETS = re.compile(r"(.*?)[\s_]*[\[({]\s*([^\])}]*?)\s*[\])}]\s*")
@@ -82,7 +85,6 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
     times = _times(table, options, log)
     degrees = [_angle_factor(table, name, log) for name in ("latitude", "longitude")]
     meters = {name: table.columns[name].factor or 1.0 for name in ("altitude", "sigma") if name in table.columns}
-    unit = METERS[options.units] if options.units else None
     several, dropped = len(table.ranges) > 1, 0
     for (line, row), time in zip(table.rows, times, strict=True):
         cells = _Cells(row, line, table)
@@ -97,7 +99,7 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
         sigma = cells.number("sigma") * meters.get("sigma", 1.0)
         tag = printable(cells.text("tag"))
         for column in table.ranges:
-            factor = unit or column.factor or 1.0
+            factor = options.unit or column.factor or 1.0
             slant = cells.number("range", column) * factor
             if 0 < slant < inf:
                 name = column.header if several and not tag else f"{tag} {column.header}" if several else tag
@@ -292,6 +294,8 @@ def _times(table: Table, options: ReadOptions, log: RangeLog) -> list[float]:
                 factor = scale
                 log.note(f"column {column.header!r} is read as {name} since 1970")
                 break
+        else:
+            factor = _small_unit(numbers, column, log)
     times = []
     for (line, _), value in zip(table.rows, raw, strict=True):
         time = value * factor if isinstance(value, float) else _moment(value, line, options, log)
@@ -301,6 +305,20 @@ def _times(table: Table, options: ReadOptions, log: RangeLog) -> list[float]:
     if times and min(map(abs, times)) > UNIX:
         log.epoch = 0.0
     return times
+
+
+def _small_unit(numbers: Sequence[float], column: Column, log: RangeLog) -> float:
+    """Return 1 for times in seconds, less for whole numbers so far apart that no flight is told by them."""
+    # Autopilots log milliseconds or microseconds since boot, and their converters write them without a unit.
+    steps = sorted(after - before for before, after in pairwise(sorted(set(numbers))))
+    if len(steps) < ENOUGH or not all(number.is_integer() for number in numbers):
+        return 1.0
+    step = steps[len(steps) // 2]
+    if step < TOO_SLOW:
+        return 1.0
+    factor, name = (1e-3, "milliseconds") if step < 1e3 * TOO_SLOW else (1e-6, "microseconds")
+    log.note(f"column {column.header!r} is read as {name}: as seconds, its rows would be {step:g} s apart")
+    return factor
 
 
 def _moment(cell: str, line: int, options: ReadOptions, log: RangeLog) -> float:

@@ -35,13 +35,13 @@ FIX_3D = 3
 class ReadOptions:
     """What the user says about a log.
 
-    range_name: name of the NAMED_VALUE messages that carry the range. units: unit of the ranges, None for what the log
-    says. range_columns: columns of a CSV with ranges. zone: time zone of times without one. vehicle: the only vehicle
-    to read (system id), None for all. positions, ranges: what is needed from the file.
+    range_name: name of the NAMED_VALUE messages that carry the range. unit: meters in the unit of the ranges, None for
+    what the log says. range_columns: columns of a CSV with ranges. zone: time zone of times without one. vehicle: the
+    only vehicle to read (system id), None for all. positions, ranges: what is needed from the file.
     """
 
     range_name: str = RangingSettings().name
-    units: str | None = None
+    unit: float | None = None
     range_columns: tuple[str, ...] = ()
     zone: timezone | ZoneInfo | None = None
     vehicle: int | None = None
@@ -51,7 +51,7 @@ class ReadOptions:
     @property
     def meters(self) -> float:
         """Meters in the unit of the ranges, for a log whose format defines meters."""
-        return METERS[self.units or "m"]
+        return 1.0 if self.unit is None else self.unit
 
 
 class Format(NamedTuple):
@@ -66,6 +66,17 @@ class Format(NamedTuple):
     read: Callable[[Path, ReadOptions], list[RangeLog]]
     ranges: str
     positions: str
+
+
+def meters_in(unit: str) -> float | None:
+    """Return the meters in a unit of length, by its name or as a number; None if it is neither."""
+    if unit in METERS:
+        return METERS[unit]
+    try:
+        meters = float(unit)
+    except ValueError:
+        return None
+    return meters if 0 < meters < FAR else None
 
 
 def with_fix(rows: Sequence[tuple[Position, bool | None]]) -> list[Position]:
