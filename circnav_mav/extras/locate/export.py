@@ -134,9 +134,11 @@ def kml(places: dict[str, Place]) -> str:
         Xml.SubElement(point, "coordinates").text = f"{place.longitude:.8f},{place.latitude:.8f}"
         area = Xml.SubElement(document, "Placemark")
         Xml.SubElement(area, "name").text = f"{name}, 95 %"
-        boundary = Xml.SubElement(Xml.SubElement(area, "Polygon"), "outerBoundaryIs")
-        corners = " ".join(f"{longitude:.8f},{latitude:.8f}" for longitude, latitude in ring(place))
-        Xml.SubElement(Xml.SubElement(boundary, "LinearRing"), "coordinates").text = corners
+        shape = Xml.SubElement(area, "MultiGeometry")
+        for part in cut_ring(ring(place)):
+            boundary = Xml.SubElement(Xml.SubElement(shape, "Polygon"), "outerBoundaryIs")
+            corners = " ".join(f"{longitude:.8f},{latitude:.8f}" for longitude, latitude in part)
+            Xml.SubElement(Xml.SubElement(boundary, "LinearRing"), "coordinates").text = corners
     Xml.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root, encoding="unicode") + "\n"
 

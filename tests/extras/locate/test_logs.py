@@ -350,6 +350,8 @@ def test_positions_come_from_a_file_beside_the_ranges(tmp_path, writer: Callable
     (log,) = with_positions(logs, read_logs(positions, ReadOptions(ranges=False)), positions)
     place = placed(log, "target", gps_sigma=0.05)
     assert off(place, PLANE.to_degrees(*target)) < 0.3 and abs(place.delay) < 0.2
+    (late,) = with_positions([replace(log, epoch=-7200.0, notes=[])], [log], positions)
+    assert "the ranges begin 2.00 h before the positions. If one file has local time, give --timezone" in late.notes[0]
     apart = [replace(one, epoch=None) for one in logs]
     with pytest.raises(RunError, match="the positions have UTC, the ranges a clock of their own"):
         with_positions(apart, read_logs(positions, ReadOptions(ranges=False)), positions)

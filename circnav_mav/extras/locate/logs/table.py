@@ -12,7 +12,7 @@ from circnav_mav.extras.locate.logs.rtklib import RTKLIB
 from circnav_mav.extras.locate.logs.screening import screen
 from circnav_mav.extras.locate.logs.tlog import TLOG
 from circnav_mav.extras.locate.logs.ulog import ULOG
-from circnav_mav.extras.locate.range_log import EmptyLogError, RangeLog
+from circnav_mav.extras.locate.range_log import EmptyLogError, Position, Range, RangeLog
 from circnav_mav.runlog.run_folder import RunError
 
 FORMATS = (ULOG, DATAFLASH, GPX, RTKLIB, NMEA, TLOG)
@@ -129,5 +129,19 @@ def with_positions(logs: Sequence[RangeLog], carriers: Sequence[RangeLog], sourc
         shifted = {
             tag: [(time + later, slant, sigma) for time, slant, sigma in rows] for tag, rows in log.ranges.items()
         }
+        _compare_spans(log, shifted, track.positions)
         joined.append(RangeLog(track.positions, shifted, log.vehicle, track.epoch, [*log.notes, *track.notes]))
     return joined
+
+
+def _compare_spans(log: RangeLog, ranges: Mapping[str, Sequence[Range]], positions: Sequence[Position]) -> None:
+    """Note it if ranges and positions do not overlap in time."""
+    times = [time for rows in ranges.values() for time, *_ in rows]
+    begin, end = min(row[0] for row in positions), max(row[0] for row in positions)
+    if times and (max(times) < begin or min(times) > end):
+        hours = (min(times) - begin) / 3600
+        order = "after" if hours > 0 else "before"
+        log.note(
+            f"ranges and positions do not overlap: the ranges begin {abs(hours):.2f} h {order} the positions. "
+            "If one file has local time, give --timezone"
+        )
