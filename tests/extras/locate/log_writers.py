@@ -18,6 +18,7 @@ LOGGED = {
     "ORGN": ("QBLLe", "TimeUS,Type,Lat,Lng,Alt"),
     "XKF1": ("QBfff", "TimeUS,C,PN,PE,PD"),
     "UWB": ("Qf", "TimeUS,Dist"),
+    "PARM": ("QNff", "TimeUS,Name,Value,Default"),
     "NVF": ("QNf", "TimeUS,Name,Value"),
 }
 TOPICS = {

@@ -96,8 +96,9 @@ def test_names_that_may_be_the_range_are_listed_where_none_fits(tmp_path):
     at = [("POS", (t * 1_000_000, 473000000, 85000000 + t, 400.0, 0.0, 0.0)) for t in range(9)]
     script = [("UWB", (t * 1_000_000, 50.0 + t)) for t in range(9)]
     named = [("NVF", (t * 1_000_000, b"TAG7", 60.0 + t)) for t in range(9)]
-    file = write.write_dataflash(tmp_path / "log.bin", at + script + named)
-    with pytest.raises(EmptyLogError, match=r"TAG7, UWB\.Dist"):
+    parameters = [("PARM", (1, f"PARAMETER_{number}".encode(), 50.0, 0.0)) for number in range(9)]
+    file = write.write_dataflash(tmp_path / "log.bin", at + parameters + script + named)
+    with pytest.raises(EmptyLogError, match=r"ranges: TAG7, UWB\.Dist\. Give one"):
         read_logs(file)
     for name, first in (("UWB.Dist", 50.0), ("TAG7", 60.0)):
         (log,) = read_logs(file, ReadOptions(range_name=name))

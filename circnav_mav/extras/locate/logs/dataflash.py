@@ -9,11 +9,11 @@ from typing import Any
 
 from pymavlink.DFReader import DFReader, DFReader_binary, DFReader_text
 
-from circnav_mav.extras.locate.logs.interface import FAR, FIX_3D, Format, ReadOptions, with_fix
+from circnav_mav.extras.locate.logs.interface import FAR, FIX_3D, Format, ReadOptions, listed, with_fix
 from circnav_mav.extras.locate.place import Plane
 from circnav_mav.extras.locate.range_log import EmptyLogError, Position, RangeLog
 from circnav_mav.mav.ranging.distance_sensor import DOWNWARD
-from circnav_mav.runlog.run_folder import RunError, printable
+from circnav_mav.runlog.run_folder import RunError
 
 BINARY, TEXT = b"\xa3\x95\x80", b"FMT, 128, "
 GOOD = 4
@@ -23,6 +23,8 @@ BEACONS = ("D0", "D1", "D2", "D3")
 GPS_EPOCH, LEAP_SECONDS = 315_964_800, 18
 """GPS time zero in seconds since 1970, and the leap seconds since 2017."""
 WEEK = 604_800
+NO_READINGS = ("FMT", "FMTU", "UNIT", "MULT", "PARM", "MSG")
+"""Messages that describe the log or the autopilot; PARM has names and values, of which none is measured."""
 LIKE_RANGES = ("dist", "range", "rng", "slant")
 """Beginnings of field names that may hold a range: offered if a log has no range of a known message."""
 Message = Any
@@ -51,7 +53,7 @@ def _collect(reader: DFReader, options: ReadOptions) -> RangeLog:
     tracks: dict[str, list[tuple[Position, bool | None]]] = {"POS": [], "XKF1": [], "GPS": []}
     origin: tuple[Plane, float] | None = None
     named, _, field = options.range_name.partition(".")
-    fields = {format.name: format.columns for format in reader.formats.values()}
+    fields = {format.name: format.columns for format in reader.formats.values() if format.name not in NO_READINGS}
     with_names = {name for name, columns in fields.items() if "Name" in columns and {"Val", "Value"} & set(columns)}
     names = set[str]()
     for time, message in _messages(reader, {"POS", "ORGN", "XKF1", "GPS", "RFND", "BCN", *with_names, named}):
@@ -86,11 +88,11 @@ def _collect(reader: DFReader, options: ReadOptions) -> RangeLog:
     log.positions = next((track for rows in tracks.values() if len(track := with_fix(rows)) > 1), [])
     if options.ranges and not log.ranges:
         names |= {f"{name}.{one}" for name, columns in fields.items() for one in columns
-                  if name != "RFND" and one.lower().startswith(LIKE_RANGES)}  # fmt: skip
+                  if one.lower().startswith(LIKE_RANGES) and not name.startswith(("RFND", "NKF", "XKF"))}  # fmt: skip
         if names:
             raise EmptyLogError(
                 f"no ranges in it: {DATAFLASH.ranges}, and none under the name {options.range_name!r}. Fields that may "
-                f"be ranges: {', '.join(sorted(map(printable, names)))}. Give one: --range-name NAME"
+                f"be ranges: {listed(names)}. Give one: --range-name NAME"
             )
     return log
 

@@ -1,6 +1,6 @@
 """What a reader gets and gives."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timezone
 from pathlib import Path
@@ -9,6 +9,7 @@ from zoneinfo import ZoneInfo
 
 from circnav_mav.extras.locate.range_log import Position, RangeLog
 from circnav_mav.mav.ranging.interface import RangingSettings
+from circnav_mav.runlog.run_folder import printable
 
 METERS = {
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0),
@@ -27,6 +28,8 @@ UNITS = ("m", "cm", "mm", "dm", "km", "ft", "yd", "mi", "nmi")
 """Short names, as --units offers them."""
 FAR = 1e9
 """Largest range or altitude accepted, m."""
+MOST_NAMES = 20
+"""Names that a message lists."""
 FIX_3D = 3
 """Smallest fix type with a three-dimensional position, in MAVLink, ArduPilot and PX4 alike."""
 
@@ -66,6 +69,13 @@ class Format(NamedTuple):
     read: Callable[[Path, ReadOptions], list[RangeLog]]
     ranges: str
     positions: str
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return names for a message, of many the first ones."""
+    several = sorted(map(printable, names))
+    more = f" and {len(several) - MOST_NAMES} more" if len(several) > MOST_NAMES else ""
+    return ", ".join(several[:MOST_NAMES]) + more
 
 
 def meters_in(unit: str) -> float | None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.extras.locate.logs.interface import FAR, FIX_3D, Format, ReadOptions, with_fix
+from circnav_mav.extras.locate.logs.interface import FAR, FIX_3D, Format, ReadOptions, listed, with_fix
 from circnav_mav.extras.locate.range_log import EmptyLogError, Position, Range, RangeLog
 from circnav_mav.mav.codec import Ids, Message, ids
 from circnav_mav.mav.ranging.interface import Reading, boot_stamp
@@ -132,7 +132,7 @@ def _name_values(senders: dict[Ids, _Sender], options: ReadOptions) -> None:
     if names:
         raise EmptyLogError(
             f"no ranges in it under the name {options.range_name!r}; names of NAMED_VALUE messages in it: "
-            f"{', '.join(map(printable, names))}. Give one: --range-name {printable(names[0])}"
+            f"{listed(names)}. Give one: --range-name {printable(names[0])}"
         )
 
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from circnav_mav.extras.locate.logs.interface import FAR, FIX_3D, Format, ReadOptions, with_fix
+from circnav_mav.extras.locate.logs.interface import FAR, FIX_3D, Format, ReadOptions, listed, with_fix
 from circnav_mav.extras.locate.place import Array
 from circnav_mav.extras.locate.range_log import EmptyLogError, Position, RangeLog
 from circnav_mav.mav.ranging.distance_sensor import DOWNWARD
-from circnav_mav.runlog.run_folder import RunError, printable
+from circnav_mav.runlog.run_folder import RunError
 
 MAGIC = b"ULog\x01\x12\x35"
 INSTALL = "pyulog is not installed: pip install 'circnav-mav[ulog]', or convert it with ulog2csv"
@@ -41,7 +41,7 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
         if names:
             raise EmptyLogError(
                 f"no ranges in it: {ULOG.ranges}, and none under the name {options.range_name!r}; keys of "
-                f"debug_key_value in it: {', '.join(map(printable, names))}. Give one: --range-name {names[0]}"
+                f"debug_key_value in it: {listed(names)}. Give one: --range-name {names[0]}"
             )
     return [log]
 
