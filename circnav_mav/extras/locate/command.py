@@ -89,7 +89,7 @@ def _read(source: Path, options: ReadOptions, positions: str | None) -> list[Ran
             return read_logs(source, options)
         logs = read_logs(source, replace(options, positions=False, vehicle=None))
         with refusing(positions):
-            carriers = read_logs(Path(positions), replace(options, ranges=False))
+            carriers = read_logs(Path(positions), replace(options, ranges=False, range_columns=()))
         return with_positions(logs, carriers, Path(positions))
     except RunError as error:
         empty = isinstance(error, EmptyLogError)

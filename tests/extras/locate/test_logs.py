@@ -477,6 +477,9 @@ def test_parameters_give_the_place_the_known_height_and_what_32_bits_lose():
         (("--timezone", "Mars"), "--timezone Mars: is no time zone"),
         (("--units", "furlong"), "--units furlong: is no unit: m, cm, .* or the number of meters in one"),
         (("--units", "-1"), "--units -1: is no unit"),
+        (("--vehicle", "2"), r"--vehicle picks one of the vehicles of a tlog; this is a table"),
+        (("--positions", str(CASES / "01-two-vehicles.tlog")), "positions of 2 vehicles: give --vehicle"),
+        (("--positions", "nowhere.gpx"), "nowhere.gpx: no such file"),
     ],
 )
 def test_an_option_that_means_nothing_is_bad_usage(option, says):

@@ -2,7 +2,7 @@
 
 import csv
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from itertools import pairwise
@@ -337,11 +337,6 @@ def _moment(cell: str, line: int, options: ReadOptions, log: RangeLog) -> float:
     except (ValueError, OverflowError):
         where = f"{printable(cell)[:40]!r} is not a time: seconds, or as 2026-07-01T12:00:00Z"
         raise RunError(f"line {line}: time: {where}") from None
-
-
-def sentences(text: str) -> Iterator[tuple[int, str]]:
-    """Yield the lines that are not empty, with their numbers."""
-    return ((number, line.strip()) for number, line in enumerate(text.splitlines(), 1) if line.strip())
 
 
 TABLE = Format(

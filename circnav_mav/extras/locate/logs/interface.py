@@ -1,6 +1,6 @@
 """What a reader gets and gives."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timezone
 from pathlib import Path
@@ -69,6 +69,11 @@ class Format(NamedTuple):
     read: Callable[[Path, ReadOptions], list[RangeLog]]
     ranges: str
     positions: str
+
+
+def sentences(text: str) -> Iterator[tuple[int, str]]:
+    """Yield the lines that are not empty, with their numbers."""
+    return ((number, line.strip()) for number, line in enumerate(text.splitlines(), 1) if line.strip())
 
 
 def listed(names: Iterable[str]) -> str:

@@ -6,8 +6,7 @@ from math import nan
 from operator import xor
 from pathlib import Path
 
-from circnav_mav.extras.locate.logs.columns import sentences
-from circnav_mav.extras.locate.logs.interface import Format, ReadOptions
+from circnav_mav.extras.locate.logs.interface import Format, ReadOptions, sentences
 from circnav_mav.extras.locate.range_log import Position, RangeLog
 
 DAY = 86_400.0

@@ -4,8 +4,7 @@ import re
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from circnav_mav.extras.locate.logs.columns import sentences
-from circnav_mav.extras.locate.logs.interface import Format, ReadOptions
+from circnav_mav.extras.locate.logs.interface import Format, ReadOptions, sentences
 from circnav_mav.extras.locate.range_log import RangeLog
 from circnav_mav.runlog.run_folder import RunError
 

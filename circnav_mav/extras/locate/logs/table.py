@@ -66,6 +66,10 @@ def read_logs(path: Path, options: ReadOptions | None = None) -> list[RangeLog]:
         head = opened.read(HEAD)
     try:
         known = recognize(file, head)
+        if options.vehicle is not None and known is not TLOG:
+            raise RunError(f"--vehicle picks one of the vehicles of a tlog; this is {known.name}")
+        if options.range_columns and known is not TABLE:
+            raise RunError(f"--range-column picks a column of a table; this is {known.name}")
         logs = known.read(file, options)
         for log in logs:
             screen(log)
