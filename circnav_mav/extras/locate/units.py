@@ -59,8 +59,8 @@ def better_unit(
     candidates = {unit: one.noise / FACTORS[unit] for unit, one in rough.items() if is_plausible(one, known)}
     if not candidates:
         return None
-    # On a circle round the target the range is constant, and several units fit, each with its own height: the likeliest
-    # height tells them apart.
+    # On a circle round the target the range is constant. Several units fit then, each with another height of the
+    # target. The unit with the likeliest height is reported.
     least = min(candidates.values())
     alike = [unit for unit, noise in candidates.items() if noise <= ALIKE * least]
     unit = min(alike, key=lambda unit: abs(rough[unit].up - known.up))
@@ -71,7 +71,7 @@ def better_unit(
 
 
 def _tried(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, factor: float) -> Place | None:
-    """Return the place in one unit, None if there is none."""
+    """Return the place for one unit, or None."""
     r = ranges.r * factor
     # No place is at these distances if the whole track is larger than twice the largest range, or if the range changes
     # by more than the track is long.

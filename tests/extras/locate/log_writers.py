@@ -57,18 +57,18 @@ def write_ulog(file: Path, rows: list[tuple[str, int, tuple]]) -> Path:
     series = list(dict.fromkeys((name, instance) for name, instance, _ in rows))
     with file.open("wb") as log:
 
-        def say(kind: bytes, body: bytes) -> None:
+        def put(kind: bytes, body: bytes) -> None:
             log.write(struct.pack("<Hc", len(body), kind) + body)
 
         log.write(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0))
-        say(b"B", bytes(40))
+        put(b"B", bytes(40))
         for name in dict.fromkeys(name for name, _ in series):
-            say(b"F", f"{name}:{TOPICS[name][1]}".encode())
+            put(b"F", f"{name}:{TOPICS[name][1]}".encode())
         for number, (name, instance) in enumerate(series):
-            say(b"A", struct.pack("<BH", instance, number) + name.encode())
+            put(b"A", struct.pack("<BH", instance, number) + name.encode())
         for name, instance, values in rows:
             layout = TOPICS[name][0][:-2]  # padding at the end is not logged
-            say(b"D", struct.pack("<H", series.index((name, instance))) + struct.pack("<" + layout, *values))
+            put(b"D", struct.pack("<H", series.index((name, instance))) + struct.pack("<" + layout, *values))
     return file
 
 

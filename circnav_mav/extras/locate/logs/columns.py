@@ -40,10 +40,10 @@ GLUED = {"timeus": 1e-6, "timems": 1e-3}
 EMPTY = {"", "-", "--", "---", "na", "n/a", "#n/a", "nan", "null", "none", "nil", "?", "inf", "-inf", "+inf", "*"}
 DELIMITERS = (",", ";", "\t", "|", " ")
 HEADER_WITHIN = 40
-"""Lines within which the header stands: some tables begin with comments."""
+"""Number of lines searched for the header: some tables begin with comments."""
 ONE_TAG = "target"
 LEAST_SIGMA = 1e-3
-"""Smallest standard deviation that is taken as meant, m: tables have zero where it is not known."""
+"""Smallest standard deviation accepted, m: tables have zero where it is not known."""
 LATEST = 1e13
 """Latest time accepted, s."""
 UNIX = 1e8
@@ -51,7 +51,7 @@ UNIX = 1e8
 EPOCHS = ((1e17, 1e-9, "nanoseconds"), (1e14, 1e-6, "microseconds"), (1e11, 1e-3, "milliseconds"))
 """From here on a time without a unit is no number of seconds: seconds would be after the year 5000."""
 TOO_SLOW, ENOUGH = 8.0, 10
-"""Usual time between rows, s, from which a place is never found, and the number of steps that tell it."""
+"""Median time between rows, s, from which no place can be found, and the number of rows needed to measure it."""
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 IN_BRACKETS = re.compile(r"(.*?)[\s_]*[\[({]\s*([^\])}]*?)\s*[\])}]\s*")
@@ -148,7 +148,7 @@ def _table(text: str, options: ReadOptions) -> Table:
                 best = table
     missing = _missing(best, options) if best else ["time"]
     some = best is not None and len(best.columns) + len(best.ranges) > 1
-    found = ", ".join(printable(name) for name in best.header)[:200] if best and some else "none that are known"
+    found = ", ".join(printable(name) for name in best.header)[:200] if best and some else "no known ones"
     raise RunError(
         f"no column {', '.join(missing)}. Its columns: {found}. The first line must name time (s or ISO 8601), "
         "latitude, longitude (degrees) and range (m, or with its unit: range_ft), and may name altitude, sigma, tag; "

@@ -1,4 +1,4 @@
-"""What a reader gets and gives."""
+"""Interface of the readers: options in, logs out."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -36,11 +36,11 @@ FIX_3D = 3
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """What the user says about a log.
+    """Facts about a log that the user gives.
 
     range_name: name of the NAMED_VALUE messages that carry the range. unit: meters in the unit of the ranges, None for
-    what the log says. range_columns: columns of a CSV with ranges. zone: time zone of times without one. vehicle: the
-    only vehicle to read (system id), None for all. positions, ranges: what is needed from the file.
+    the unit named in the log. range_columns: columns of a CSV with ranges. zone: time zone of times without one.
+    vehicle: the only vehicle to read (system id), None for all. positions, ranges: True if needed from the file.
     """
 
     range_name: str = RangingSettings().name

@@ -42,9 +42,9 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
         if quality > 0:
             log.positions.append(((moment - ahead).timestamp(), latitude, longitude, height))
     if log.positions:
-        log.note("heights are above the ellipsoid, and so is that of the target")
+        log.note("heights are above the ellipsoid, for the target too")
         if not known:
-            log.note("the file does not say its time system: times are read as GPS time, UTC + 18 s")
+            log.note("the file does not name its time system: times are read as GPS time, UTC + 18 s")
     return [log]
 
 

@@ -1,4 +1,4 @@
-"""Finds what is no measurement: positions before the fix, a receiver or a radio that repeats its last value."""
+"""Finds values that are no measurements: positions before the fix, last values that a receiver or radio repeats."""
 
 from collections.abc import Sequence
 from itertools import groupby
@@ -23,7 +23,7 @@ JUMP = 5.0
 
 
 def screen(log: RangeLog) -> None:
-    """Leave out what is no measurement, and note it."""
+    """Leave out values that are no measurements, and note them."""
     kept = [row for row in log.positions if max(abs(row[1]), abs(row[2])) > NEAR_ZERO]
     if len(kept) < len(log.positions):
         log.note(f"{len(log.positions) - len(kept)} positions near 0 N 0 E, before a fix, are left out")

@@ -1,4 +1,4 @@
-"""Reads a log of any known format, and names what cannot be read with a way to convert it."""
+"""Reads a log of any known format. A format that cannot be read is named, with a way to convert it."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -90,7 +90,7 @@ def recognize(file: Path, head: bytes) -> Format:
     if unreadable is None and b"<kml" in head:
         unreadable = SUFFIXES[".kml"]
     if unreadable is None:
-        unreadable = next((told for mark, told in MARKS.items() if head.startswith(mark)), None)
+        unreadable = next((entry for mark, entry in MARKS.items() if head.startswith(mark)), None)
     if unreadable is not None:
         name, way = unreadable
         raise RunError(f"is {name}, which is not read: {way.replace('FILE', file.name)}")
@@ -129,7 +129,7 @@ def with_positions(logs: Sequence[RangeLog], carriers: Sequence[RangeLog], sourc
         if log.epoch is not None and track.epoch is not None:
             later = log.epoch - track.epoch
         else:
-            log.note("positions and ranges carry no UTC and are taken as of one clock")
+            log.note("positions and ranges carry no UTC: they are read as times of one clock")
         shifted = {
             tag: [(time + later, slant, sigma) for time, slant, sigma in rows] for tag, rows in log.ranges.items()
         }

@@ -118,8 +118,8 @@ def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[Range
 def _track(senders: dict[Ids, _Sender], system: int) -> list[Position]:
     """Return the positions of a system, empty if it is no vehicle."""
     parts = {component: sender for (other, component), sender in senders.items() if other == system}
-    told = [sender.vehicle for sender in parts.values() if sender.vehicle is not None]
-    if told and not any(told):
+    reported = [sender.vehicle for sender in parts.values() if sender.vehicle is not None]
+    if reported and not any(reported):
         return []  # an antenna tracker, a ground station
     # Companions repeat the position of their autopilot; the autopilot's own is component 1, or the first one.
     ordered = sorted(parts, key=lambda component: (component != dialect.MAV_COMP_ID_AUTOPILOT1, component))
@@ -127,7 +127,7 @@ def _track(senders: dict[Ids, _Sender], system: int) -> list[Position]:
 
 
 def _name_values(senders: dict[Ids, _Sender], options: ReadOptions) -> None:
-    """Raise EmptyLogError with the names that could be given, if there are some."""
+    """Raise EmptyLogError with the names in the log, if it has NAMED_VALUE messages."""
     names = sorted(set[str]().union(*(sender.names for sender in senders.values() if OURS not in sender.names)))
     if names:
         raise EmptyLogError(

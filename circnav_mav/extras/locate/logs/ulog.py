@@ -54,7 +54,7 @@ def _time(data: dict[str, Array]) -> Array:
 
 
 def _positions(fused: dict[str, Array] | None, gps: dict[str, Array] | None) -> list[Position]:
-    """Return the filter's positions, or the receiver's if there are none."""
+    """Return the filter's positions, else those of the receiver."""
     if gps is not None:
         time, fix = _time(gps), gps["fix_type"] >= FIX_3D
     if fused is not None and len(fused["timestamp"]) > 1:
