@@ -1,5 +1,6 @@
-"""python -m tests.tools.faults.files [--files N] [--seed S]: damaged tables of campaigns and run folders. Mission files are
-spoiled by tests/mission/test_load.py."""
+"""python -m tests.tools.faults.files [--files N] [--seed S]: damaged tables of campaigns and run folders.
+
+Mission files are spoiled by tests/mission/test_load.py."""
 
 import argparse
 import sys
