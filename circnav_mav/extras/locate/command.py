@@ -22,6 +22,7 @@ from circnav_mav.extras.locate.parameters import PARAMETERS
 from circnav_mav.extras.locate.place import NOT_OBSERVABLE, Place
 from circnav_mav.extras.locate.range_log import EmptyLogError, RangeLog, tracks
 from circnav_mav.extras.locate.units import better_unit, is_plausible
+from circnav_mav.foreign import printable
 from circnav_mav.mission.load import MissionError, load_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.runlog.atomic_write import write_text
