@@ -44,8 +44,13 @@ ALARMS = frozenset(
 )
 """Kinds of news that are said as a warning while they are so; charts mark every warning."""
 FOLLOWS_NOT, FOLLOWS_AGAIN = "vehicle does not follow turn commands", "vehicle follows turn commands again"
+<<<<<<< HEAD
 UPLINK_SILENT = 3.0
 """Time without an answer to TIMESYNC, s, after which the vehicle may have received no setpoint, and flies its own."""
+=======
+RECEIVES_AFTER = 3.0
+"""Time, s, after the first answer in which a vehicle that was not reached gets back to what it is commanded."""
+>>>>>>> 3bcf8e2 (After an outage of the uplink it is judged anew whether the vehicle follows)
 FLOODED = 3.0
 """Time, s, since something was last left unread, after which a flood is over."""
 
@@ -283,11 +288,14 @@ class Pilot:
         """End the flight of a vehicle that does not follow turn commands for too long."""
         session, turns, most = self.session, self.controller.turns, self.settings.timing.unfollowed
         # A vehicle that does not receive us cannot follow, and goes on by its own time-out: that is an outage of the
-        # link, which the flight survives. The time counts only while the vehicle answers our TIMESYNC.
+        # link, which the flight survives. Without answers to TIMESYNC nothing is judged, and all begins anew after it:
+        # a plane that flies straight back from where it was carried would show for long that it follows again.
         if not session.timesync.answered(now):
             self._unanswered_at = now
-        since = max(turns.since, self._unanswered_at)
-        if self.mission.steering and not turns.follows and now - since > most:
+        if now - self._unanswered_at < RECEIVES_AFTER:
+            turns.reset()
+            self._said["follows"] = False
+        if self.mission.steering and not turns.follows and now - turns.since > most:
             self._finish(Outcome(Ending.ABORTED, f"vehicle did not follow turn commands for {most:g} s"), now)
 
     def _watch_ranging(self, estimate: RangeEstimate | None, now: float) -> None:
