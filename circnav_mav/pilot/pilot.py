@@ -44,13 +44,10 @@ ALARMS = frozenset(
 )
 """Kinds of news that are said as a warning while they are so; charts mark every warning."""
 FOLLOWS_NOT, FOLLOWS_AGAIN = "vehicle does not follow turn commands", "vehicle follows turn commands again"
-<<<<<<< HEAD
 UPLINK_SILENT = 3.0
 """Time without an answer to TIMESYNC, s, after which the vehicle may have received no setpoint, and flies its own."""
-=======
 RECEIVES_AFTER = 3.0
 """Time, s, after the first answer in which a vehicle that was not reached gets back to what it is commanded."""
->>>>>>> 3bcf8e2 (After an outage of the uplink it is judged anew whether the vehicle follows)
 FLOODED = 3.0
 """Time, s, since something was last left unread, after which a flood is over."""
 
