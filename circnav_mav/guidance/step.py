@@ -207,10 +207,8 @@ def _with_relative_motion(
         drift_y = where(follows, drift_y + share * (relative.drift_y - drift_y), relative.drift_y)
         change = (relative.drift_x - drift_x) / CHANGE_TIME, (relative.drift_y - drift_y) / CHANGE_TIME
         (by_drift, offset), trusted = _by_drift(settings, relative, change, inputs), relative.trusted
-    # a search begins when the vehicle is known to obey: after an outage of the uplink it has had no time yet
-    searched = before.handover if relative is not None else before.handover._replace(untrusted=0.0)
     handover = hand_over(
-        searched, dt, trusted=trusted, favourite=_tried(before.handover, settings, inputs),
+        before.handover, dt, trusted=trusted, favourite=_tried(before.handover, settings, inputs),
         by_range=by_range, by_bank=by_drift, limit=settings.limit, leaves=_leaves(settings, inputs),
     )  # fmt: skip
     demanded = where(handover.flies == Flies.FEEDFORWARD, by_range, by_drift)

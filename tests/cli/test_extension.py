@@ -84,7 +84,7 @@ def open_onlooker(given):
 
 
 def report_section(run):
-    return f"<h2>Seen for {run.unread['sight']['steps']} steps</h2>" if "sight" in run.unread else ""
+    return f"<h2>Seen for {run.summary['sight']['steps']} steps</h2>" if "sight" in run.summary else ""
 ''',
     "broken/__init__": """
 from circnav_mav.extension import Extension
@@ -108,7 +108,7 @@ def open_onlooker(given):
 
 
 def report_section(run):
-    return 1 / 0 if "sight" in run.unread else ""
+    return 1 / 0 if "sight" in run.summary else ""
 """,
 }
 

@@ -243,7 +243,7 @@ def holds(rig):
 
 def fails(rig):
     nonsense = TurnCommand(TurnRate(nan), TurnRate(nan), saturated=False)
-    rig.pilot.controller._circles.steer = lambda *arguments: nonsense
+    rig.pilot.controller._steer = lambda *arguments: nonsense
 
 
 @pytest.mark.parametrize(
