@@ -119,9 +119,9 @@ def test_a_file_that_never_ends_is_refused_in_one_line(circnav, run, command, na
     assert str(path) in ran.line or str(path.parent) in ran.line
 
 
-def test_a_line_is_read_up_to_a_bound_and_a_mission_up_to_its_size(circnav, tmp_path):
+def test_a_tag_is_read_up_to_a_bound_and_a_mission_up_to_its_size(circnav, tmp_path):
     (tmp_path / "x.csv").write_text(circle_log("7" * MAX_LINE))
-    assert f"a line is longer than {MAX_LINE} characters" in circnav("locate", "x.csv").refused
+    assert "tag: is longer than 100 characters" in circnav("locate", "x.csv").refused
     (tmp_path / "x.toml").write_text("#" * 11_000_000)
     assert circnav("check", "x.toml").refused == "x.toml: cannot be read: is larger than 10 MB"
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from circnav_mav.extras.locate.logs.interface import FAR, METERS, Format, ReadOptions, utc_seconds
 from circnav_mav.extras.locate.range_log import RangeLog
-from circnav_mav.foreign import printable
+from circnav_mav.foreign import printable, read_bytes
 from circnav_mav.runlog.run_folder import RunError
 
 NAMES = {
@@ -57,6 +57,10 @@ NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 IN_BRACKETS = re.compile(r"(.*?)[\s_]*[\[({]\s*([^\])}]*?)\s*[\])}]\s*")
 BEHIND = re.compile(r"(.*?)[\s_,:/.-]+([a-zµμ0-9]+)")
+MAX_FILE = 1_000_000_000
+"""Most bytes of a table: it is read as a whole."""
+MAX_TAG = 100
+"""Most characters of a tag."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +103,8 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
             log.positions.append((time, latitude, (longitude + 180) % 360 - 180, altitude))
         sigma = cells.number("sigma") * meters.get("sigma", 1.0)
         tag = printable(cells.text("tag"))
+        if len(tag) > MAX_TAG:
+            raise RunError(f"line {cells.line}: tag: is longer than {MAX_TAG} characters")
         for column in table.ranges:
             factor = options.unit or column.factor or 1.0
             slant = cells.number("range", column) * factor
@@ -114,7 +120,7 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
 
 def _text(path: Path) -> str:
     """Return the text of a file. Spreadsheets write UTF-16, older programs one byte a letter."""
-    data = path.read_bytes()
+    data = read_bytes(path, MAX_FILE)
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         return data.decode("utf-16", "replace")
     try:
