@@ -54,7 +54,7 @@ def test_one_that_lets_go_on_its_circle_is_alarmed_too(mission: str, steering: s
 
 def test_one_that_follows_again_is_said_to_and_flown_on() -> None:
     events = 'sim.events=[{at_s=40.0, action="steering_straight"}, {at_s=48.0, action="steering_good"}]'
-    flown = flight("arducopter", events, FAR, "limits.duration_s=80.0", law="auto").fly(120)
+    flown = flight("arducopter", events, FAR, "limits.duration_s=90.0", law="auto").fly(120)
     assert said_at(flown) < 45.0
     assert any(b"vehicle follows turn commands again" in data for _, data in flown.sent)
     assert flown.outcome.ending is Ending.COMPLETED
