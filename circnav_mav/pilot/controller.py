@@ -48,10 +48,7 @@ class Controller:
             Limits(
                 max_yaw_rate=orbit.max_turn_rate,
                 max_speed=orbit.speed * (1 if settings.circle_limits.keeps_speed else 1 + SPEED_SHARE),
-                max_yaw_acceleration=settings.max_yaw_acceleration,
                 max_bank=facts.max_bank,
-                max_pitch=facts.loops.max_pitch,
-                max_climb=facts.max_climb,
                 max_stick=ceil(facts.stick(facts.max_bank)),
             )
         )
@@ -175,8 +172,7 @@ class Controller:
         return self._guard.check_message(session.adapter.safe_setpoint(state, now), session.adapter.shapes)
 
     def disengage(self) -> None:
-        """The vehicle is not ours any more: the next setpoint starts a new stream at a new height."""
-        self._guard.reset()
+        """End the stream: the next setpoint starts a new one, at a new height."""
         self._answer.reset()
         self._height, self._steered = None, None
 

@@ -74,7 +74,6 @@ class PilotSettings:
     request_mode: bool = False
     end_on_takeover: bool = True
     exit: str | None = None
-    max_yaw_acceleration: float | None = None
     output_mode: OutputMode = OutputMode.FLY
     ranging_apart: bool = False
     stream_links: frozenset[str] = frozenset()
