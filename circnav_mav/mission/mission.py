@@ -225,6 +225,7 @@ class Mission:
             height=self.height,
             tuning=self.tuning,
             later_radii=self.radii[1:],
+            unsigned_parameters=file.link.unsigned_parameters,
             circle_limits=self._circle_limits(),
         )
 

@@ -165,6 +165,7 @@ class LinkTable(Table):
     peer: Addresses | None = None
     component_id: Annotated[int, Field(ge=191, le=194)] = 191  # MAV_COMP_ID_ONBOARD_COMPUTER .. 4
     wait_s: Positive = 30.0
+    unsigned_parameters: bool = False
     clock: Literal["local", "autopilot"] = "local"
     sim_speed: Annotated[float, Field(ge=0.01, le=100)] | None = None
 

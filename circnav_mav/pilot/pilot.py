@@ -22,6 +22,7 @@ from circnav_mav.mav.autopilots.interface import turn_in
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import GRAVITY, YawRate
 from circnav_mav.mav.identity import Allowance
+from circnav_mav.mav.parameter_server import REQUESTS, ParameterServer
 from circnav_mav.mav.session import LOST_AFTER
 from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
 from circnav_mav.mav.signing import Signing
@@ -31,6 +32,7 @@ from circnav_mav.pilot.controller import Controller
 from circnav_mav.pilot.echo_watch import EchoWatch
 from circnav_mav.pilot.mission_state import Ending, Event, MissionState, Outcome, Phase
 from circnav_mav.pilot.mode_request import ExitAction
+from circnav_mav.pilot.parameters import FlightParameters
 from circnav_mav.pilot.range_tracker import HEARD, RangeTracker, TickScheduler
 from circnav_mav.pilot.record import StepTaken, TickRecord, plot_values, tick_record
 from circnav_mav.pilot.settings import VEHICLE, OutputMode, PilotSettings
@@ -48,6 +50,7 @@ UPLINK_SILENT = 3.0
 """Time without an answer to TIMESYNC, s, after which the vehicle may have received no setpoint, and flies its own."""
 RECEIVES_AFTER = 3.0
 """Time, s, after the first answer in which a vehicle that was not reached gets back to what it is commanded."""
+UNSIGNED = "the link is not signed; to allow it: link.unsigned_parameters = true"
 FLOODED = 3.0
 """Time, s, since something was last left unread, after which a flood is over."""
 
@@ -66,9 +69,16 @@ class Pilot:
         """What was said last of each kind of news. The circle by its identity: the same radius may come twice."""
         self.tracker = RangeTracker(settings, session, self._say_news)
         self.controller = Controller(settings)
-        self.mission = MissionState()
+        self.mission = MissionState(settings.timing.hold)
         self._authority = Authority(settings, session, self.mission)
         self._exit_action = ExitAction(settings.exit)
+        self.parameters = ParameterServer(
+            FlightParameters(
+                self.controller, self.tracker.height, self._exit_action, session, self.mission, self.request_circle
+            ).all()
+        )
+        """Values that a ground station may read and set."""
+        self._signed = signing is not None and VEHICLE not in settings.unsigned_links
         self.scheduler = TickScheduler(settings.timing.tick)
         self.status = StatusText(settings, self.connection, self.mission, self._authority, self.tracker)
         self.why = ""
@@ -100,6 +110,8 @@ class Pilot:
             if of_vehicle:
                 self._take_motion(message, now)
                 self._take_echo(message, now)
+            elif link == VEHICLE and message.get_msgId() in REQUESTS:
+                self._take_parameter_request(message, now, source)
             if of_ranging:
                 self._take_range(message, now, source)
         self._frames += self.connection.decoders[link].frames
@@ -127,6 +139,15 @@ class Pilot:
         trusted = link == VEHICLE and peer is not None and source == peer.source
         trusted |= link == self.connection.ranging_link and radio is not None and source == radio.source
         return unknown or trusted or self.allowance.take(size, now)
+
+    def _take_parameter_request(self, message: Message, now: float, source: Hashable) -> None:
+        """Answer a ground station. Its frames come by way of the vehicle; from elsewhere they are a stranger's."""
+        if source != self.session.reply_to:
+            return
+        refusal = "" if self._signed or self.settings.unsigned_parameters else UNSIGNED
+        refusal = "the flight is over" if self.mission.outcome is not None else refusal
+        if why := self.parameters.receive(message, self.session.us, refusal, now):
+            self._say("parameter", why, severity=MAV_SEVERITY_WARNING)
 
     def _take_range(self, message: Message, now: float, source: Hashable) -> None:
         mission, stalled = self.mission, self._authority.may_be_backlog(now)
@@ -385,6 +406,7 @@ class Pilot:
             return self.session.heartbeats_due(now) + plots
         if self.done:
             self.session.drop_mode_requests()
+        plots += self.parameters.replies()
         return self.session.poll(now) + plots + (self.session.farewell() if self.done else [])
 
     def hello(self, now: float) -> bytes:

@@ -53,6 +53,7 @@ class PilotSettings:
     stream_links: links that are byte streams (TCP, serial), not datagrams. unsigned_links: those on which unsigned
     frames are believed even where there is a signing key. height: what is said of it, above the target. later_radii:
     of the circles after the first, m. tuning: the law on any circle. circle_limits: of a change of the circle.
+    unsigned_parameters: accept PARAM_SET on a link that is not signed.
     """
 
     orbit: Orbit
@@ -80,6 +81,7 @@ class PilotSettings:
     unsigned_links: frozenset[str] = frozenset()
     height: HeightSettings = field(default_factory=HeightSettings)
     later_radii: tuple[float, ...] = ()
+    unsigned_parameters: bool = False
 
     @property
     def circles(self) -> str:

@@ -87,7 +87,7 @@ class Watch:
         alarms += self._onlookers.alarms(now)
         if problem is not None:
             alarms.append(f"NOT RECORDING: {problem}")
-        lost = timing.stale if tick.x is None else timing.stale + timing.hold
+        lost = timing.stale if tick.x is None else timing.stale + pilot.mission.hold
         if tick.range_age is not None and tick.range_age > lost:
             # A prediction from the range alone flies straight on, and the vehicle does not. By the relative motion it
             # follows the vehicle, for as long as that holds the turn.
@@ -226,7 +226,7 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None) -> 
             found.append(f"LINK SILENT for {tick.link_age:.1f} s")
         if tick.range_age is not None and tick.range_age > timing.stale:
             flows = "" if rates is None else f" by {rates.setpoints:.0f} setpoints per second"
-            patience = f": holding the circle's turn rate{flows}, ends at {timing.stale + timing.hold:g} s"
+            patience = f": holding the circle's turn rate{flows}, ends at {timing.stale + pilot.mission.hold:g} s"
             found.append(f"RANGE STALE {tick.range_age:.1f} s{patience if tick.phase is Phase.HOLDING else ''}")
         if frozen := pilot.tracker.noise.repeated:
             found.append(f"RANGE FROZEN: the same number for {frozen:.0f} s, ranges are rejected until it changes")
