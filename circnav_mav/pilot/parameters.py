@@ -1,6 +1,5 @@
 """The values that a ground station may read and set in flight, by the MAVLink parameter protocol."""
 
-from collections.abc import Callable
 from math import nan
 
 from circnav_mav.guidance.circle_change import CircleRequest
@@ -24,10 +23,9 @@ class FlightParameters:
     """Radius, direction, speed, height, law, hold time and exit action of a flight."""
 
     def __init__(self, controller: Controller, height: Height, exit_action: ExitAction, session: Session,
-                 mission: MissionState, request: Callable[[CircleRequest, float], str]) -> None:  # fmt: skip
-        """request: asks for another circle at a time (s), and returns why it is refused."""
+                 mission: MissionState) -> None:  # fmt: skip
         self._controller, self._height, self._exit, self._session = controller, height, exit_action, session
-        self._mission, self._request = mission, request
+        self._mission = mission
 
     def all(self) -> tuple[Parameter, ...]:
         """Return the parameters in the order in which they are listed."""
@@ -43,15 +41,15 @@ class FlightParameters:
         )
 
     def _set_radius(self, value: float, now: float) -> str:
-        return self._request(CircleRequest(radius=value, by=BY), now)
+        return self._controller.change_circle(CircleRequest(radius=value, by=BY), now)
 
     def _set_direction(self, value: float, now: float) -> str:
         if value not in DIRECTIONS:
             return f"{value:g} is not 1 (clockwise) or -1 (counterclockwise)"
-        return self._request(CircleRequest(direction=DIRECTIONS[value], by=BY), now)
+        return self._controller.change_circle(CircleRequest(direction=DIRECTIONS[value], by=BY), now)
 
     def _set_speed(self, value: float, now: float) -> str:
-        return self._request(CircleRequest(speed=value, by=BY), now)
+        return self._controller.change_circle(CircleRequest(speed=value, by=BY), now)
 
     def _read_height(self) -> float:
         height = self._height.newest

@@ -73,9 +73,7 @@ class Pilot:
         self._authority = Authority(settings, session, self.mission)
         self._exit_action = ExitAction(settings.exit)
         self.parameters = ParameterServer(
-            FlightParameters(
-                self.controller, self.tracker.height, self._exit_action, session, self.mission, self.request_circle
-            ).all()
+            FlightParameters(self.controller, self.tracker.height, self._exit_action, session, self.mission).all()
         )
         """Values that a ground station may read and set."""
         self._signed = signing is not None and VEHICLE not in settings.unsigned_links

@@ -92,7 +92,9 @@ def test_a_value_that_cannot_be_flown_is_refused_with_the_reason_and_the_old_one
     flying.run(1.0)
     texts = "".join(m.text for _, m in flying.sent if m.get_type() == "STATUSTEXT")
     assert f"circnav: {reason}"[:60] in texts
-    assert values(flying)[message.param_id].param_value == pytest.approx(before[message.param_id].param_value, nan_ok=True)
+    assert values(flying)[message.param_id].param_value == pytest.approx(
+        before[message.param_id].param_value, nan_ok=True
+    )
 
 
 @pytest.mark.parametrize(
