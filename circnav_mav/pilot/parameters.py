@@ -9,9 +9,9 @@ from circnav_mav.mav.autopilots.table import MISSION_EXITS
 from circnav_mav.mav.parameter_server import Parameter
 from circnav_mav.mav.session import Session
 from circnav_mav.pilot.controller import Controller
+from circnav_mav.pilot.height import Height
 from circnav_mav.pilot.mission_state import MissionState
 from circnav_mav.pilot.mode_request import ExitAction
-from circnav_mav.pilot.range_tracker import Height
 
 DIRECTIONS = {1.0: Direction.CLOCKWISE, -1.0: Direction.COUNTERCLOCKWISE}
 LONGEST_HOLD = 600.0
