@@ -38,8 +38,9 @@ from circnav_mav.pilot.status_text import StatusText
 
 ALARMS = frozenset(
     (
-        *("drift", "cycle", "follows", "lean limit", "range trouble", "range rate trouble"),
-        *("sensor clock", "clock speed", "height", "bounds", "link", "flood", "second controller"),
+        *("drift", "cycle", "follows", "lean limit", "range trouble", "range rate trouble", "range jump"),
+        *("sensor clock", "clock speed", "height", "heading", "reports", "bounds", "link", "flood"),
+        "second controller",
     )
 )
 """Kinds of news that are said as a warning while they are so; charts mark every warning."""
@@ -48,6 +49,15 @@ UPLINK_SILENT = 3.0
 """Time without an answer to TIMESYNC, s, after which the vehicle may have received no setpoint, and flies its own."""
 RECEIVES_AFTER = 3.0
 """Time, s, after the first answer in which a vehicle that was not reached gets back to what it is commanded."""
+LOST = {
+    "attitude": "flown by ranges alone; whether the vehicle follows its commands is not watched",
+    "airspeed": "V stands in for it",
+    "altitude": "no climb is commanded",
+    "climb": "the pitch is not corrected by it",
+}
+"""Consequences of reports that a steered vehicle does not send any more."""
+REPORTS_AFTER = 3.0
+"""Time, s, after a silence in which reports come in again one by one."""
 FLOODED = 3.0
 """Time, s, since something was last left unread, after which a flood is over."""
 
@@ -81,6 +91,8 @@ class Pilot:
         self._rivals: set[str] = set()
         self._unanswered_at = float("-inf")
         """When the vehicle last seemed not to receive us, s."""
+        self._silent_at = float("-inf")
+        """When the vehicle last had reported no mode for SILENT, s."""
         self.setpoints_sent = 0
         self._records: list[TickRecord] = []
         self._taken: StepTaken | None = None
@@ -144,6 +156,7 @@ class Pilot:
     def _take_motion(self, message: Message, now: float) -> None:
         """Own motion teaches the height, the turn-rate gain, and estimators that know where the vehicle is heading."""
         adapter, motion, height = self.session.adapter, self.session.motion, self.tracker.height
+        motion.keeps_heading = self.mission.steering
         is_attitude = motion.receive(message, now)
         if message.get_type() in HEARD:
             height.hear(message, motion.at(now).altitude, now)
@@ -422,8 +435,9 @@ class Pilot:
 
     def _say_trouble(self, now: float) -> None:
         """Say what is wrong with what is heard, and that it no longer is."""
+        silent = self.session.heartbeat_age(now) > SILENT
+        self._silent_at = now if silent else self._silent_at
         if self.session.up:
-            silent = self.session.heartbeat_age(now) > SILENT
             self._say_news("link", silent, "vehicle silent" if silent else "vehicle heard again")
         stepped = self.tracker.ranging.clock.doubted
         self._say_news("sensor clock", stepped, f"sensor clock {'stepped' if stepped else 'runs steadily again'}")
@@ -431,6 +445,10 @@ class Pilot:
         self._say_news("clock speed", speed != 1.0, f"autopilot clock runs {speed:.2g} times as fast as ours")
         height = self.tracker.height.trouble(now).partition(":")[0].lower()
         self._say_news("height", height or False, height or "altitude counts again")
+        jumped = round(degrees(self.session.motion.jumped))
+        self._say_news("heading", jumped, f"heading jumped by {jumped:+d} deg" if jumped else "heading counts again")
+        names = self.lost_reports(now)
+        self._say_news("reports", names or False, f"no {' and no '.join(names)}" if names else "vehicle reports all again")
         flooded = now - self.allowance.dropped_at < FLOODED
         if self.mission.steering and self.session.up:
             self.unwatched = lost = unwatched(self.settings, self.session, now)
@@ -463,6 +481,14 @@ class Pilot:
             return str(peer or "")
         apart = radio.source != peer.source
         return f"{peer}, ranges of {radio if apart else f'{radio.system}/{radio.component}'}"
+
+    def lost_reports(self, now: float) -> tuple[str, ...]:
+        """Return the names of what a steered vehicle does not report any more, or too seldom: keys of LOST. While the
+        vehicle is silent altogether, and shortly after, only that is told."""
+        if not self.mission.steering or now - self._silent_at <= REPORTS_AFTER:
+            return ()
+        seldom = ("attitude",) if self.session.motion.seldom(now) else ()
+        return (*seldom, *self.session.missing(now))
 
     def second_controller(self, now: float) -> str:
         """Return how it shows that another program steers the vehicle, human-readable; empty if nothing shows it."""

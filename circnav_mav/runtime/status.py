@@ -13,7 +13,7 @@ from circnav_mav.pilot import VEHICLE, Ending, OutputMode, Pilot, PilotSettings,
 from circnav_mav.pilot.authority import SILENT
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.mission_state import Phase
-from circnav_mav.pilot.pilot import FLOODED
+from circnav_mav.pilot.pilot import FLOODED, LOST
 from circnav_mav.runtime.onlookers import Onlooker, Onlookers
 
 RATE_SPAN = 3.0
@@ -22,6 +22,8 @@ FEW_SETPOINTS = 0.5
 """Share of the setpoints of `limits.tick_hz` below which a steered vehicle gets too few."""
 MOST_REJECTED = 0.5
 """Share of the ranges that may be refused before it is worth a warning."""
+UPLINK_SILENT = 2.0
+"""Time, s, without an answer of a steered vehicle to TIMESYNC, which is asked once a second and repeated when lost."""
 LOOK, MOST_ALARMS = 1.0, 1000
 """Time, s, between two looks for alarms, and how many are kept for the record."""
 SILENCED = {
@@ -224,12 +226,18 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None) -> 
     if tick.phase is not Phase.ENDED:
         if tick.link_age is not None and tick.link_age > SILENT:
             found.append(f"LINK SILENT for {tick.link_age:.1f} s")
+        elif pilot.mission.steering and pilot.session.timesync.silent(now, UPLINK_SILENT):
+            found.append("UPLINK SILENT: the vehicle answers nothing (TIMESYNC), it may not receive setpoints")
         if tick.range_age is not None and tick.range_age > timing.stale:
             flows = "" if rates is None else f" by {rates.setpoints:.0f} setpoints per second"
             patience = f": holding the circle's turn rate{flows}, ends at {timing.stale + timing.hold:g} s"
             found.append(f"RANGE STALE {tick.range_age:.1f} s{patience if tick.phase is Phase.HOLDING else ''}")
+        if pilot.mission.begun and (age := pilot.tracker.one_way) > timing.stale:
+            found.append(f"LINK TOO SLOW: round trip {2 * age:.1f} s, ranges may be {age:.1f} s old and are rejected")
         if frozen := pilot.tracker.noise.repeated:
             found.append(f"RANGE FROZEN: the same number for {frozen:.0f} s, ranges are rejected until it changes")
+        if jump := pilot.tracker.jumps.found:
+            found.append(f"RANGE JUMPED by {jump:+.0f} m, farther than the vehicle can fly: ranges are rejected")
         if wrong := pilot.tracker.rates.trouble:
             found.append(f"RANGE RATE DROPPED: {wrong}")
         if not pilot.controller.turns.follows and pilot.mission.steering:
@@ -244,13 +252,18 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None) -> 
             found.append(f"DRIFT TOO STRONG: {pilot.drift_alarm.text}")
         if pilot.unwatched:
             found.append(f"BOUND NOT WATCHED: {pilot.unwatched}")
-        if rates is not None and rates.refused > MOST_REJECTED * (rates.taken + rates.refused):
+        # A link that brings every range three times has most of them rejected, and loses none.
+        few = rates is not None and rates.taken < MOST_REJECTED * pilot.settings.ranging.rate_hz
+        if rates is not None and few and rates.refused > MOST_REJECTED * (rates.taken + rates.refused):
             found.append(f"MOST RANGES REJECTED: {rates.refused:.1f} of {rates.taken + rates.refused:.1f} per second")
         if pilot.tracker.ranging.clock.doubted:
             found.append("SENSOR CLOCK stepped: ranges are rejected until it runs steadily again")
         if (speed := pilot.session.clock_speed.found) is not None:
             cure = 'for a simulator set link.clock = "autopilot"'
             found.append(f"CLOCK: autopilot time runs {speed:.2g} times as fast as ours: {cure}")
+        found += [f"NO {name.upper()} from the vehicle: {LOST[name]}" for name in pilot.lost_reports(now)]
+        if jumped := round(degrees(pilot.session.motion.jumped)):
+            found.append(f"HEADING JUMPED by {jumped:+d} deg, not counted as a turn: check the compass")
         if trouble := pilot.tracker.height.trouble(now):
             found.append(trouble)
     return found
