@@ -447,12 +447,12 @@ class Pilot:
         self._say_news("height", height or False, height or "altitude counts again")
         jumped = round(degrees(self.session.motion.jumped))
         self._say_news("heading", jumped, f"heading jumped by {jumped:+d} deg" if jumped else "heading counts again")
-        names = self.lost_reports(now)
-        self._say_news("reports", names or False, f"no {' and no '.join(names)}" if names else "vehicle reports all again")
+        lost = " and no ".join(self.lost_reports(now))
+        self._say_news("reports", lost or False, f"no {lost}" if lost else "vehicle reports all again")
         flooded = now - self.allowance.dropped_at < FLOODED
         if self.mission.steering and self.session.up:
-            self.unwatched = lost = unwatched(self.settings, self.session, now)
-            self._say_news("bounds", lost or False, lost.partition(":")[0] or "bounds watched again")
+            self.unwatched = missed = unwatched(self.settings, self.session, now)
+            self._say_news("bounds", missed or False, missed.partition(":")[0] or "bounds watched again")
         second = bool(self.second_controller(now))
         self._say_news(
             "second controller", second, "another program steers, too" if second else "another program no longer steers"

@@ -52,8 +52,6 @@ JUMP = 0.5
 size is rejected, too."""
 CLOSING = 2.0
 """Fastest change of the range, in speeds V: wind and target add to the vehicle's own."""
-SCATTER = 6.0
-"""Standard deviations by which two ranges of one series may differ besides."""
 JUMPED_FOR = 1.0
 """Time, s, after which ranges that have jumped are shown: an outlier is shorter."""
 
@@ -137,7 +135,7 @@ class RangeTracker:
         if merged is None:
             return False
         sample, count = merged
-        jumped = self.jumps.rejects(sample, self.newest if self.ranging.moving else None)
+        jumped = self.jumps.rejects(sample, self._reference())
         if jumped or self.estimator.observe(sample) is Fused.GATED:
             self.ranging.reject(Reject.GATED, count)
             return False
@@ -145,6 +143,13 @@ class RangeTracker:
         self.newest, self.fresh = sample, True
         self.recent.append(sample)
         return True
+
+    def _reference(self) -> RangeSample | None:
+        """The newest range that counted, with the median of the newest three: one of them may be an outlier. None while
+        the vehicle is not steered."""
+        if not self.ranging.moving or self.newest is None:
+            return None
+        return self.newest._replace(r=median(one.r for one in list(self.recent)[-3:]))
 
     def _say_trouble(self) -> None:
         """Say what no longer counts, and that it counts again."""
@@ -204,16 +209,17 @@ class JumpGate:
     def rejects(self, sample: RangeSample, accepted: RangeSample | None) -> bool:
         """True if a range is to be rejected. accepted: the newest that was not; None if none counts for this."""
         before = self._newest
-        if accepted is None:
+        # What the vehicle can have flown grows with time, until it covers the jump. It does not count while ranges go
+        # on from one that was rejected.
+        goes_on = before is not None and self._gap(sample, before) <= self._least / 2
+        if (
+            accepted is None
+            or abs(sample.r - accepted.r) <= self._least
+            or (not goes_on and self._gap(sample, accepted) <= self._least)
+        ):
             self._first = self._newest = None
             return False
-        if before is not None and self._gap(sample, before) <= SCATTER * max(sample.sigma, before.sigma):
-            self._newest = sample
-            return True
-        if self._gap(sample, accepted) <= self._least:
-            self._first = self._newest = None
-            return False
-        self._first = sample if before is None else self._first
+        self._first = self._first or sample
         self._newest, self._by = sample, sample.r - accepted.r
         return True
 

@@ -109,7 +109,7 @@ def test_ranges_of_another_vehicle_end_with_its_first_heartbeat_also_in_flight(r
 
 @pytest.mark.parametrize("cm", [30_000, 50_000, 4_000])
 def test_ranges_that_jump_farther_than_the_vehicle_can_fly_count_as_lost_until_they_jump_back(rig, cm):
-    """A radio that changes its unit, ranges to another anchor or stands at its limit: it was followed after a second."""
+    """A radio that changes its unit or its anchor, or stands at its limit, was followed after a second."""
     rig.engage().run(5.0, range_cm=cm)
     assert rig.pilot.mission.phase is Phase.HOLDING and rig.pilot.tracker.newest.r == pytest.approx(150.0, abs=0.02)
     assert "circnav: range jumped, rejected" in rig.texts()

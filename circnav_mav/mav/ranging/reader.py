@@ -187,9 +187,8 @@ class RangeReader:
         settings = self._settings
         if settings.system_id not in (None, sender.system) or settings.component_id not in (None, sender.component):
             return False
-        # Ranges of another vehicle's autopilot may have been accepted before its first heartbeat arrived; that heartbeat
-        # comes from the address of the ranges. From another address a stranger uses the radio's name: one frame of his
-        # would end the flight.
+        # Ranges of another vehicle's autopilot may have been accepted before its first heartbeat, which comes from the
+        # address of the ranges. One from elsewhere is a stranger's in the name of the radio: it would end the flight.
         its_own = sender.component == AUTOPILOT_COMPONENT and strangers.get(sender.system) == sender.source
         stays = self.sender_stays and sender == self.trusted and not its_own
         return settings.system_id is not None or sender.system not in strangers or stays

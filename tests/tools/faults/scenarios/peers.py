@@ -8,7 +8,7 @@ from typing import Any
 
 from circnav_sim.config import Event
 from circnav_sim.faults import DOWN, UP, Impairment
-from circnav_sim.faults.frames import message_id, raw_frame
+from circnav_sim.faults.frames import message_id, raw_frame, write
 from circnav_sim.faults.intruders import GCS, ground_station, speaking, strangers, twin, vehicle
 from circnav_sim.faults.link import Intruder, Passage, Tamper
 from pymavlink.dialects.v20 import all as mavlink
