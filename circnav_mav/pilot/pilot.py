@@ -447,8 +447,9 @@ class Pilot:
         self._say_news("height", height or False, height or "altitude counts again")
         jumped = round(degrees(self.session.motion.jumped))
         self._say_news("heading", jumped, f"heading jumped by {jumped:+d} deg" if jumped else "heading counts again")
-        lost = " and no ".join(self.lost_reports(now))
-        self._say_news("reports", lost or False, f"no {lost}" if lost else "vehicle reports all again")
+        if self.mission.steering and not self._just_silent(now):
+            lost = " and no ".join(self.lost_reports(now))
+            self._say_news("reports", lost or False, f"no {lost}" if lost else "vehicle reports all again")
         flooded = now - self.allowance.dropped_at < FLOODED
         if self.mission.steering and self.session.up:
             self.unwatched = missed = unwatched(self.settings, self.session, now)
@@ -485,10 +486,14 @@ class Pilot:
     def lost_reports(self, now: float) -> tuple[str, ...]:
         """Return the names of what a steered vehicle does not report any more, or too seldom: keys of LOST. While the
         vehicle is silent altogether, and shortly after, only that is told."""
-        if not self.mission.steering or now - self._silent_at <= REPORTS_AFTER:
+        if not self.mission.steering or self._just_silent(now):
             return ()
         seldom = ("attitude",) if self.session.motion.seldom(now) else ()
         return (*seldom, *self.session.missing(now))
+
+    def _just_silent(self, now: float) -> bool:
+        """True if the vehicle is silent, or was until a moment ago."""
+        return now - self._silent_at <= REPORTS_AFTER
 
     def second_controller(self, now: float) -> str:
         """Return how it shows that another program steers the vehicle, human-readable; empty if nothing shows it."""
