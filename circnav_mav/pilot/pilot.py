@@ -51,7 +51,7 @@ RECEIVES_AFTER = 3.0
 """Time, s, after the first answer in which a vehicle that was not reached gets back to what it is commanded."""
 LOST = {
     "attitude": "flown by ranges alone; whether the vehicle follows its commands is not watched",
-    "airspeed": "V stands in for it",
+    "airspeed": "V is used instead",
     "altitude": "no climb is commanded",
     "climb": "the pitch is not corrected by it",
 }

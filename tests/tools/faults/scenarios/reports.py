@@ -11,7 +11,7 @@ from tests.tools.faults.tampering import Change, on
 
 ATTITUDE, VFR_HUD = 30, 74
 AUTO = ('guidance.law="auto"',)
-"""The law that goes by the heading, whatever the matrix is flown with."""
+"""The default law: it uses the heading, and the matrix is flown with another."""
 ARDUPILOT = ("arducopter", "arduplane", "ardurover")
 """PX4 sends ATTITUDE_QUATERNION beside ATTITUDE: either is enough."""
 YAW: dict[str, Any] = {"overrides": AUTO, "reported": "HEADING JUMPED", "profiles": ARDUPILOT}
