@@ -15,7 +15,7 @@ AUTO = ('guidance.law="auto"',)
 ARDUPILOT = ("arducopter", "arduplane", "ardurover")
 """PX4 sends ATTITUDE_QUATERNION beside ATTITUDE: either is enough."""
 YAW: dict[str, Any] = {"overrides": AUTO, "reported": "HEADING JUMPED", "profiles": ARDUPILOT}
-BLIND: dict[str, Any] = {"overrides": AUTO, "reported": "NO ATTITUDE", "profiles": ARDUPILOT}
+BLIND: dict[str, Any] = {"overrides": AUTO, "reported": "NO ATTITUDE", "profiles": ARDUPILOT, "want": Want.REGAIN}
 BANKED = ("arduplane", "px4_plane", "px4_plane_attitude")
 
 
@@ -64,7 +64,7 @@ REPORTS = [
     reports("yaw set anew by 90 deg", ATTITUDE, turned(pi / 2), quick=True, **YAW),
     reports("no ATTITUDE", ATTITUDE, missing, quick=True, **BLIND),
     reports("ATTITUDE without numbers", ATTITUDE, fixed(yaw=nan, rollspeed=nan, pitchspeed=nan, yawspeed=nan), **BLIND),
-    reports("ATTITUDE at 1 Hz", ATTITUDE, every_second, **{**BLIND, "want": Want.REGAIN}),
+    reports("ATTITUDE at 1 Hz", ATTITUDE, every_second, **BLIND),
     reports("airspeed without a number", VFR_HUD, fixed(airspeed=nan), profiles=BANKED, reported="NO AIRSPEED"),
     reports("airspeed 0", VFR_HUD, fixed(airspeed=0.0), profiles=("arduplane",), reported="NO AIRSPEED"),
 ]
