@@ -1,7 +1,7 @@
 """Identity of our vehicle: the sender of the first HEARTBEAT that fits the mission, and the address it sends from."""
 
 from collections import Counter
-from collections.abc import Callable, Collection, Hashable
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -132,15 +132,16 @@ class Identity:
         self._proven: tuple[Hashable, float] = (None, float("-inf"))
         """The newest other address that has proven to be the vehicle's, and when, s."""
         self.ignored: Counter[str] = Counter()
-        self.vehicles: set[int] = set()
-        """Systems that have sent an autopilot's heartbeat: an id is one byte, so that the set is bounded."""
+        self.vehicles: dict[int, Hashable] = {}
+        """Systems that have sent an autopilot's heartbeat, and the address of the newest one."""
         self.misfits: dict[Ids, str] = {}
         self.rivals = Rivals()
 
     @property
-    def strangers(self) -> Collection[int]:
-        """Systems of other vehicles; empty before the vehicle was found."""
-        return () if self.home is None else self.vehicles - {self.home.system}
+    def strangers(self) -> Mapping[int, Hashable]:
+        """Systems of other vehicles and their addresses; empty before the vehicle was found."""
+        home = self.home
+        return {} if home is None else {one: at for one, at in self.vehicles.items() if one != home.system}
 
     def greet(self, source: Hashable, now: float) -> None:
         """Reply to a sender that cannot be accepted yet, unless another address is the vehicle's: one that sends
@@ -155,8 +156,13 @@ class Identity:
         of its ids, and heartbeats of other vehicles, are counted. continues: True if a message carries the time since
         boot that the vehicle must have by now."""
         who, is_heartbeat, home = Sender(*ids(message), source), message.get_type() == "HEARTBEAT", self.home
+        # A radio, gimbal or companion that was left at the ids 1/1 shares them with the vehicle, often behind the same
+        # router. Its heartbeat has a mode and an armed flag of its own: 0, which looks like a takeover.
+        if is_heartbeat and who == self.peer and message.autopilot == dialect.MAV_AUTOPILOT_INVALID:
+            self.ignored["no_autopilot"] += 1
+            return False
         if is_heartbeat and who.component == AUTOPILOT_COMPONENT and message.autopilot not in NO_AUTOPILOT:
-            self.vehicles.add(who.system)  # else it is a radio with a heartbeat
+            self.vehicles[who.system] = source  # else it is a radio with a heartbeat
         if home is not None and (who.system, source) == (home.system, home.source):
             self._heard_at = now
         silent = now - self._heard_at > MOVES_AFTER

@@ -5,7 +5,8 @@ Read from ATTITUDE or ATTITUDE_QUATERNION, VFR_HUD (of which the ground speed is
 that is missing or older than its bound is None; who needs it says so.
 """
 
-from math import cos, hypot, inf, nan, sin, tan
+from collections import deque
+from math import cos, hypot, inf, nan, remainder, sin, tan, tau
 from typing import NamedTuple
 
 from circnav_mav.guidance.types import FeltVelocity, OwnMotion
@@ -38,6 +39,13 @@ NO_ROTATION = 0.1
 """A quaternion whose length differs by more from 1 is no attitude."""
 FLOWN_ALTITUDES = -500.0, 6_000.0
 """Altitudes, m, whose thin air is believed."""
+YAW_JUMP = 0.35
+"""Difference, rad, between a yaw and the one before carried on by the turn rates, from which on the autopilot has set
+its yaw anew. Real turns stay far below: a change by 90 deg/s within 0.1 s makes 0.08 rad."""
+LONGEST_CARRIED = 0.5
+"""Longest time, s, over which a yaw is carried on for this comparison."""
+FEWEST, FEWEST_WITHIN = 4, 3.0
+"""Fewer attitudes than so many within so many seconds are too few: circnav asks for ten and more per second."""
 REPEATED = 0.2
 """The same stamp again within this time, s, is the same attitude again; later, it is a clock that stands still."""
 ACCELERATIONS = {"HIGHRES_IMU": 1.0, "RAW_IMU": GRAVITY / 1000, "SCALED_IMU": GRAVITY / 1000}
@@ -111,9 +119,16 @@ class OwnMotionSensor:
     def __init__(self, slower: Slower = nobody_tells) -> None:
         """slower: tells of the vehicle's link."""
         self._body: Attitude | None = None
+        """The newest attitude, its yaw without the jumps that do not count."""
         self._turned = Motion()
         """Of the newest attitude."""
         self._attitude_at = float("-inf")
+        self._received: deque[float] = deque([float("-inf")] * FEWEST, maxlen=FEWEST)
+        """Times at which the newest attitudes arrived, s."""
+        self.keeps_heading = False
+        """True while the vehicle is steered: then a jump of the yaw is no turn."""
+        self.jumped = 0.0
+        """Sum of the jumps of the yaw that do not count, rad, clockwise positive."""
         self._air = Motion()
         self._air_at = float("-inf")
         self._accelerations = Accelerations()
@@ -140,10 +155,30 @@ class OwnMotionSensor:
         measured = self._measured(message.time_boot_ms, now)
         if measured is None:
             return False
-        self._body = body = Attitude(message.time_boot_ms / 1e3, *values)
+        body = Attitude(message.time_boot_ms / 1e3, *values)
         self._turned = Motion(body.roll, body.pitch, body.yaw, body.yaw_rate)
+        self._watch_yaw(body, now)
+        self._body = body._replace(yaw=remainder(body.yaw - self.jumped, tau))
         self._attitude_at = max(measured, self._attitude_at)
+        self._received.append(now)
         return True
+
+    def seldom(self, now: float) -> bool:
+        """True if no attitudes come, or too few to know how the vehicle turns."""
+        return now - self._received[0] > FEWEST_WITHIN
+
+    def _watch_yaw(self, body: Attitude, now: float) -> None:
+        """Find out whether the yaw has jumped. The EKF of an autopilot sets its yaw anew in flight, by up to 180 deg,
+        when compass and GPS disagree. The vehicle has not turned: its path through the air goes on as before."""
+        before, step = self._body, now - self._received[-1]
+        if before is not None and body.time > before.time:
+            step = body.time - before.time
+        if before is None or not self.keeps_heading or step > LONGEST_CARRIED:
+            return
+        carried = before.yaw + (before.yaw_rate + body.yaw_rate) / 2 * step
+        jump = remainder(body.yaw - self.jumped - carried, tau)
+        if abs(jump) > YAW_JUMP:
+            self.jumped = remainder(self.jumped + jump, tau)
 
     def _measured(self, stamp_ms: int, now: float) -> float | None:
         """When an attitude was measured, in our time; None for one that is not newer than the newest."""

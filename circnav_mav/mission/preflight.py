@@ -115,11 +115,15 @@ def _company(mission: Mission, survey: Survey) -> Iterator[Check]:
         also = f": {'; '.join(session.misfits.values())}" if session.misfits else ""
         advice = "" if mission.file.vehicle.system_id else "; name yours with vehicle.system_id"
         yield Check(WARN, "others", f"{strangers} heartbeats of another autopilot on the link{also}{advice}")
+    if peripherals := session.ignored["no_autopilot"]:
+        ids = "{}/{}".format(*session.vehicle_ids)
+        words = f"{peripherals} heartbeats of a component that is no autopilot with the vehicle's ids {ids}"
+        yield Check(WARN, "others", f"{words}: give it a component id of its own")
     for rival in rivals:
         of_driver = mission.ranging_driver is not None and rival.startswith(RADIO_NAME)
         advice = "ranging.beacon_id" if of_driver else "link.peer, or sign"
         yield Check(FAIL, "others", f"{rival}; name yours with {advice}")
-    if not twins and not strangers and not rivals:
+    if not twins and not strangers and not rivals and not peripherals:
         yield Check(PASS, "others", "no other autopilot and no twin of ours on the link")
 
 

@@ -27,6 +27,7 @@ class AirPath:
         """Take in a message of the vehicle. It moves the height, and an attitude also the learning of the turn and the
         estimators. flies: False in a dry run."""
         adapter, motion, controller = self._session.adapter, self._session.motion, self._controller
+        motion.keeps_heading = steering
         is_attitude = motion.receive(message, now)
         if message.get_type() in HEARD:
             self._tracker.height.hear(message, motion.at(now).altitude, now)

@@ -25,6 +25,15 @@ MOST_REJECTED = 0.5
 """Share of the ranges above which rejected ones are an alarm."""
 FEW_SETPOINTS = 0.5
 """Share of the setpoints of `limits.tick_hz` below which a steered vehicle gets too few."""
+UPLINK_SILENT = 2.0
+"""Time, s, without an answer of a steered vehicle to TIMESYNC, which is asked once a second and repeated when lost."""
+LOST = {
+    "attitude": "flown by ranges alone; whether the vehicle follows its commands is not watched",
+    "airspeed": "V is used instead",
+    "altitude": "no climb is commanded",
+    "climb": "the pitch is not corrected by it",
+}
+"""Consequences of reports that a steered vehicle does not send any more."""
 NOISE = "range noise {measured:.2g} m, expected {expected:.2g} m"
 
 Values = Mapping[str, object]
@@ -158,7 +167,29 @@ def _most_rejected(pilot: "Pilot", now: float) -> Values | None:
     rates = pilot.rates.whole
     if rates is None or rates.refused <= MOST_REJECTED * (rates.taken + rates.refused):
         return None
+    # A link that brings every range three times has most of them rejected, and loses none.
+    if rates.taken >= MOST_REJECTED * pilot.settings.ranging.rate_hz:
+        return None
     return {"rejected": rates.refused, "all": rates.taken + rates.refused}
+
+
+def _uplink_silent(pilot: "Pilot", now: float) -> Values | None:
+    silent = pilot.session.timesync.silent(now, UPLINK_SILENT) and pilot.session.heartbeat_age(now) <= SILENT
+    return {} if silent else None
+
+
+def _link_too_slow(pilot: "Pilot", now: float) -> Values | None:
+    age = pilot.tracker.one_way
+    return {"age": age, "trip": 2 * age} if pilot.mission.begun and age > pilot.settings.timing.stale else None
+
+
+def _lost(name: str) -> Callable[["Pilot", float], Values | None]:
+    return lambda pilot, now: {} if name in pilot.lost_reports else None
+
+
+def _heading_jumped(pilot: "Pilot", now: float) -> Values | None:
+    jump = round(degrees(pilot.session.motion.jumped))
+    return {"jump": jump} if jump else None
 
 
 def _few_setpoints(pilot: "Pilot", now: float) -> Values | None:
@@ -232,6 +263,14 @@ TABLE = (
         short="link silent", over="link restored", long="LINK SILENT for {age:.1f} s",
     ),
     Condition(
+        "uplink_silent", _uplink_silent, steering=True,
+        long="UPLINK SILENT: the vehicle answers nothing (TIMESYNC), it may not receive setpoints",
+    ),
+    Condition(
+        "link_too_slow", _link_too_slow,
+        long="LINK TOO SLOW: round trip {trip:.1f} s, ranges may be {age:.1f} s old and are rejected",
+    ),
+    Condition(
         "holding", _holding, short="range lost, holding", over="range regained", steering=True,
         long="RANGE STALE {age:.1f} s: holding the circle's turn rate{flow}, ends at {ends:g} s",
     ),
@@ -240,6 +279,11 @@ TABLE = (
         "range_frozen", lambda p, now: {"time": time} if (time := p.tracker.noise.repeated) else None,
         short="range frozen, rejected", over="range accepted again",
         long="RANGE FROZEN: the same number for {time:.0f} s, ranges are rejected until it changes",
+    ),
+    Condition(
+        "range_jumped", lambda p, now: {"jump": jump} if (jump := p.tracker.jumps.found) else None,
+        short="range jumped, rejected", over="range is back where it was", steering=True,
+        long="RANGE JUMPED by {jump:+.0f} m, farther than the vehicle can fly: ranges are rejected",
     ),
     Condition(
         "range_rate_dropped", lambda p, now: {"why": why} if (why := p.tracker.rates.trouble) else None,
@@ -270,6 +314,17 @@ TABLE = (
         long="SENSOR CLOCK stepped: ranges are rejected until it runs steadily again",
     ),
     CLOCK_SPEED,
+    *(
+        Condition(
+            f"no_{name}", _lost(name), short=f"no {name}", over=f"{name} received again", steering=True,
+            long=f"NO {name.upper()} from the vehicle: {consequence}",
+        )
+        for name, consequence in LOST.items()
+    ),
+    Condition(
+        "heading_jumped", _heading_jumped, short="heading jumped by {jump:+d} deg", over="heading jumped back",
+        again="jump", long="HEADING JUMPED by {jump:+d} deg, not counted as a turn: check the compass",
+    ),
     Condition(
         "altitude_lost", lambda p, now: None if (m := p.tracker.height.held(now)) is None else {"height": m},
         short="altitude not received", over="altitude received again",

@@ -2,8 +2,9 @@
 
 from collections import deque
 
-KEPT = 1.0
-"""Time, s, for which a setpoint sent may still be the one reported, beside the round trip of the link."""
+KEPT = 3.0
+"""Time, s, for which a setpoint sent may still be the one reported, beside the round trip of the link: an uplink that
+drops out for so long is not noticed yet, and the vehicle flies the last setpoint that it received."""
 GAP = 0.5
 """Time without a setpoint, s, after which the next one starts a new stream."""
 SETTLED = 2.0

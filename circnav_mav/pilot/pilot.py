@@ -23,7 +23,7 @@ from circnav_mav.mav.session import LOST_AFTER, Session
 from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
 from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.air_path import AirPath
-from circnav_mav.pilot.authority import TAKEN_OVER, Allowed, Authority
+from circnav_mav.pilot.authority import SILENT, TAKEN_OVER, Allowed, Authority
 from circnav_mav.pilot.conditions import NOT_FOLLOWING, Conditions, circle
 from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.controller import Controller
@@ -38,6 +38,8 @@ from circnav_mav.pilot.settings import VEHICLE, OutputMode, PilotSettings
 from circnav_mav.pilot.status_text import StatusText
 from circnav_mav.pilot.tick_scheduler import TickScheduler
 
+REPORTS_AFTER = 3.0
+"""Time, s, after a silence in which reports come in again one by one."""
 RECEIVES_AFTER = 3.0
 """Time, s, after the first answer in which a vehicle that was not reached gets back to what it is commanded."""
 
@@ -78,6 +80,10 @@ class Pilot:
         self.second_controller: SecondController = SecondController(session, self.mission)
         self._unanswered_at = float("-inf")
         """When the vehicle last seemed not to receive us, s."""
+        self._silent_at = float("-inf")
+        """When the vehicle last had reported no mode for SILENT, s."""
+        self.lost_reports: tuple[str, ...] = ()
+        """Names of what the vehicle does not report, or too seldom. While it is silent altogether, those of before."""
         self.setpoints_sent = 0
         self._records: list[TickRecord] = []
         self._taken: StepTaken | None = None
@@ -357,6 +363,10 @@ class Pilot:
         self.drift_alarm = watch_drift(self.drift_alarm, estimate, controller.orbit, controller.most_turn)
         if command is not None and command.flies:
             self.law, self.why = command.flies, command.why
+        self._silent_at = now if self.session.heartbeat_age(now) > SILENT else self._silent_at
+        if now - self._silent_at > REPORTS_AFTER:
+            seldom = ("attitude",) if self.session.motion.seldom(now) else ()
+            self.lost_reports = (*seldom, *self.session.missing(now))
         frames = self.connection.counts[VEHICLE].frames
         counts = Rates(frames, tracker.accepted, tracker.ranging.unexplained, self.setpoints_sent)
         self.rates.take(now, counts, steering=self.mission.steering)

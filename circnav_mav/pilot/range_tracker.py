@@ -30,6 +30,13 @@ MOST_MERGED = 1000
 """Ranges that are merged to one at most."""
 MOST_AT_ONCE = 64
 """Ranges that one datagram of a slow link may hold."""
+JUMP = 0.5
+"""Jump of the range, as a share of the radius, from which on it is none of this vehicle and its target: noise of such a
+size is rejected, too."""
+CLOSING = 2.0
+"""Fastest change of the range, in speeds V: wind and target add to the vehicle's own."""
+JUMPED_FOR = 1.0
+"""Time, s, after which ranges that have jumped are shown: an outlier is shorter."""
 
 
 class RangeTracker:
@@ -47,6 +54,7 @@ class RangeTracker:
         self.rates = RangeRateReader(settings.ranging, self.ranging, NoiseCheck.of_rates(speed, max_turn_rate), speed)
         self.estimator = ESTIMATORS[settings.estimator](settings.estimation)
         self._thinning = Thinning(THINNED * settings.timing.tick)
+        self.jumps = JumpGate(speed, JUMP * settings.orbit.radius)
         self.newest: RangeSample | None = None
         self.recent: deque[RangeSample] = deque(maxlen=MOST_AT_ONCE)
         """The newest ones that were taken."""
@@ -72,8 +80,8 @@ class RangeTracker:
             message,
             now,
             height=height,
-            strangers=() if self._apart else identity.strangers,
-            one_way=self._session.timesync.one_way if begun and not self._apart else 0.0,
+            strangers=None if self._apart else identity.strangers,
+            one_way=self.one_way if begun else 0.0,
             source=source,
             vehicle=peer.source if peer else None,
         )
@@ -97,13 +105,26 @@ class RangeTracker:
         if merged is None:
             return False
         sample, count = merged
-        if self.estimator.observe(sample) is Fused.GATED:
+        jumped = self.jumps.rejects(sample, self._reference())
+        if jumped or self.estimator.observe(sample) is Fused.GATED:
             self.ranging.reject(Reject.GATED, count)
             return False
         self.accepted += count
         self.newest, self.fresh = sample, True
         self.recent.append(sample)
         return True
+
+    def _reference(self) -> RangeSample | None:
+        """The newest range that counted, with the median of the newest three: one of them may be an outlier. None while
+        the vehicle is not steered."""
+        if not self.ranging.moving or self.newest is None:
+            return None
+        return self.newest._replace(r=median(one.r for one in list(self.recent)[-3:]))
+
+    @property
+    def one_way(self) -> float:
+        """Least time, s, that ranges are under way on the vehicle's link; 0 for a link of their own."""
+        return 0.0 if self._apart else self._session.timesync.one_way
 
     def measured_rate(self, now: float) -> float | None:
         """The newest range rate that counted, m/s; None where none counts now."""
@@ -123,6 +144,50 @@ class RangeTracker:
     def age(self, now: float) -> float | None:
         """Seconds since the newest range was measured."""
         return None if self.newest is None else now - self.newest.time
+
+
+class JumpGate:
+    """Rejects ranges that jump farther than the vehicle can have flown, for as long as they go on from there.
+
+    The estimator takes a series of such ranges for the truth after a second. A radio that changes its unit, ranges to
+    another anchor or stands at its limit sends such a series; the vehicle would follow it off its circle. Rejected, it
+    is a loss of ranges: the circle's turn is held until they jump back, or the flight ends.
+    """
+
+    def __init__(self, speed: float, least: float) -> None:
+        """speed: V, m/s. least: smallest jump that is rejected, m."""
+        self._speed, self._least = CLOSING * speed, least
+        self._first: RangeSample | None = None
+        self._newest: RangeSample | None = None
+        self._by = 0.0
+
+    @property
+    def found(self) -> float:
+        """The jump after which ranges have been rejected for a while, m; 0 for none."""
+        first, newest = self._first, self._newest
+        lasts = first is not None and newest is not None and newest.time - first.time >= JUMPED_FOR
+        return self._by if lasts else 0.0
+
+    def rejects(self, sample: RangeSample, accepted: RangeSample | None) -> bool:
+        """True if a range is to be rejected. accepted: the newest that was not; None if none counts for this."""
+        before = self._newest
+        # What the vehicle can have flown grows with time, until it covers the jump. It does not count while ranges go
+        # on from one that was rejected.
+        goes_on = before is not None and self._gap(sample, before) <= self._least / 2
+        if (
+            accepted is None
+            or abs(sample.r - accepted.r) <= self._least
+            or (not goes_on and self._gap(sample, accepted) <= self._least)
+        ):
+            self._first = self._newest = None
+            return False
+        self._first = self._first or sample
+        self._newest, self._by = sample, sample.r - accepted.r
+        return True
+
+    def _gap(self, sample: RangeSample, before: RangeSample) -> float:
+        """By how much two ranges differ more than the vehicle can have flown in between, m."""
+        return abs(sample.r - before.r) - self._speed * max(sample.time - before.time, 0.0)
 
 
 class Thinning:

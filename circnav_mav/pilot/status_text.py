@@ -96,6 +96,10 @@ class StatusText:
             return f"no fresh range for {waited:.1f} s, the newest is {age:.2f} s old"
         if tracker.ranging.clock.doubted:
             return f"no range for {waited:.1f} s: all rejected, the sensor clock stepped"
+        if tracker.one_way > self.settings.timing.stale:
+            return f"no range for {waited:.1f} s: all rejected, the round trip takes {2 * tracker.one_way:.1f} s"
+        if jump := tracker.jumps.found:
+            return f"no range for {waited:.1f} s: all rejected, they jumped by {jump:+.0f} m"
         return f"no range for {waited:.1f} s"
 
     def _what_is_gone(self, now: float) -> str:

@@ -403,3 +403,11 @@ def test_answers_to_commands_in_our_name_that_nothing_of_ours_asked_for_are_alar
         "circnav: another program steers, too",
         "circnav: another program no longer steers",
     ]
+
+
+def test_a_component_with_the_vehicles_ids_that_is_no_autopilot_takes_nothing_over(rig):
+    """A radio or gimbal that was left at 1/1, behind the same router: its mode 0 looked like a takeover."""
+    peripheral = Voice()
+    rig.run(20.0, lambda: rig.tick % 20 or rig.hear(heartbeat(0, armed=False, autopilot=8), voice=peripheral))
+    assert rig.pilot.mission.phase is Phase.ENGAGED and rig.pilot.session.vehicle.departures == 0
+    assert rig.pilot.session.ignored["no_autopilot"] == 19, "all after the first of the vehicle"

@@ -2,7 +2,8 @@
 
 import random
 from functools import partial
-from math import atan2, cos, nan, pi, sin, sqrt
+from itertools import pairwise
+from math import atan2, cos, nan, pi, remainder, sin, sqrt
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -31,6 +32,31 @@ def test_north_is_up_and_east_is_right(yaw, course):
     """Heading clockwise from north, course counter-clockwise from east, in (-pi, pi]; and back, in [0, 2 pi)."""
     assert course_from_yaw(yaw) == pytest.approx(course)
     assert compass_from_vector(cos(course), sin(course)) == pytest.approx(yaw % (2 * pi))
+
+
+@pytest.mark.parametrize("steered", [True, False])
+@pytest.mark.parametrize("jump", [pi, -pi / 2, 0.5])
+def test_a_yaw_that_is_set_anew_in_flight_is_no_turn_and_setpoints_go_by_the_new_one(jump, steered):
+    sensor, headings = OwnMotionSensor(), []
+    sensor.keeps_heading = steered
+    for n in range(200):
+        now = 0.1 * n
+        yaw = remainder(RATE * now + (jump if 5.05 < now < 15.05 else 0.0), 2 * pi)
+        assert sensor.receive(attitude(100 * n, yaw), now)
+        headings.append(sensor.own(now, 15.0).heading)
+        assert sensor.at(now).yaw == pytest.approx(yaw, abs=1e-6)
+        counted = jump if steered and 5.05 < now < 15.05 else 0.0
+        assert abs(remainder(sensor.jumped - counted, 2 * pi)) < 1e-6
+    turns = [remainder(after - before, 2 * pi) for before, after in pairwise(headings)]
+    assert (max(turns) - min(turns) < 1e-6) == steered
+
+
+def test_two_attitudes_in_three_seconds_are_too_few_and_two_per_second_are_enough():
+    for every, seldom in ((0.5, False), (1.5, True)):
+        sensor = OwnMotionSensor()
+        for n in range(20):
+            sensor.receive(attitude(round(1000 * every * n), 0.0), every * n)
+        assert sensor.seldom(every * 19 + 0.1) is seldom
 
 
 def heard(delays, boot_ms=0, seconds=20.0):

@@ -33,8 +33,8 @@ def test_the_table_is_read_by_display_and_statustext_from_begin_to_end(rig):
     alarm = rig.pilot.conditions.alarms["holding"]
     assert alarm.startswith("RANGE STALE ") and "setpoints per second" in alarm
     rig.run(2.0, ranges=True)
-    assert rig.pilot.conditions.alarms == {}
-    assert texts(rig)[1:] == ["range lost, holding", "range regained"]
+    assert rig.pilot.conditions.alarms.keys() == {"no_attitude"}, "which the bench does not send"
+    assert [text for text in texts(rig) if "range" in text] == ["range lost, holding", "range regained"]
 
 
 def test_a_condition_of_steering_ends_without_a_text_if_the_operator_takes_the_vehicle():

@@ -234,6 +234,13 @@ def test_a_twin_of_ours_fails_and_another_vehicle_warns():
     assert "191" in lines[0].says
 
 
+def test_a_component_that_shares_the_vehicles_ids_warns():
+    bench, radio = Bench("arducopter"), Voice(1, 1)
+    bench.speaks = lambda now: [radio.say(heartbeat(0, kind=18, autopilot=8))] if round(now * 100) % 50 == 0 else []
+    (line,) = of(bench.lines(), "others")
+    assert line.grade is WARN and "with the vehicle's ids 1/1: give it a component id of its own" in line.says
+
+
 def test_a_vehicle_that_falls_silent_fails():
     bench = Bench("arducopter")
     bench.hears = lambda frame, now: now < 4.0

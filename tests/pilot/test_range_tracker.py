@@ -65,27 +65,56 @@ GENERIC, INVALID, ARDUPILOT = 0, 8, 3
 
 
 @pytest.mark.parametrize(
-    ("radio", "speaker", "autopilot", "begins"),
+    ("radio", "speaker", "autopilot", "begins", "source"),
     [
-        (192, 192, INVALID, 0.0),
-        (192, 192, ARDUPILOT, 0.0),
-        (1, 1, GENERIC, 0.0),
-        (1, 1, INVALID, 0.0),
-        (192, 1, ARDUPILOT, 5.0),
+        (192, 192, INVALID, 0.0, "vehicle"),
+        (192, 192, ARDUPILOT, 0.0, "vehicle"),
+        (1, 1, GENERIC, 0.0, "vehicle"),
+        (1, 1, INVALID, 0.0, "vehicle"),
+        (192, 1, ARDUPILOT, 5.0, "vehicle"),
+        (1, 1, ARDUPILOT, 5.0, "elsewhere"),
     ],
-    ids=["invalid", "autopilot", "generic as 1", "invalid as 1", "a vehicle of the same system, in flight"],
+    ids=[
+        *("invalid", "autopilot", "generic as 1", "invalid as 1", "a vehicle of the same system, in flight"),
+        "a stranger in its own name, in flight",
+    ],
 )
-def test_a_heartbeat_of_our_radios_system_does_not_take_its_ranges_from_us(rig, radio, speaker, autopilot, begins):
+def test_a_heartbeat_of_our_radios_system_does_not_take_its_ranges_from_us(
+    rig, radio, speaker, autopilot, begins, source
+):
     radio, speaker = Voice(42, radio), Voice(42, speaker)
     rig.run(0.5, ranges=False)
 
     def speaks():
         if rig.now > begins and rig.tick % 5 == 0:
-            rig.hear(heartbeat(kind=2 if begins else 0, autopilot=autopilot), voice=speaker)
+            rig.hear(heartbeat(kind=2 if begins else 0, autopilot=autopilot), voice=speaker, source=source)
         if rig.tick % 2:
             rig.range(voice=radio)
 
     assert rig.run(15.0 if begins else 5.0, speaks).pilot.mission.phase is Phase.ENGAGED
+
+
+def test_ranges_of_another_vehicle_end_with_its_first_heartbeat_also_in_flight(rig):
+    other = Voice(42, 1)
+
+    def speaks():
+        if rig.now > 5.0 and rig.tick % 5 == 0:
+            rig.hear(heartbeat(), voice=other)
+        if rig.tick % 2:
+            rig.range(voice=other)
+
+    assert rig.run(5.0, speaks, ranges=False).pilot.mission.phase is Phase.ENGAGED
+    assert rig.run(1.0, speaks).pilot.mission.phase is Phase.HOLDING
+
+
+@pytest.mark.parametrize("cm", [30_000, 50_000, 4_000])
+def test_ranges_that_jump_farther_than_the_vehicle_can_fly_count_as_lost_until_they_jump_back(rig, cm):
+    """A radio that changes its unit or its anchor, or stands at its limit, was followed after a second."""
+    rig.engage().run(5.0, range_cm=cm)
+    assert rig.pilot.mission.phase is Phase.HOLDING and rig.pilot.tracker.newest.r == pytest.approx(150.0, abs=0.02)
+    assert "circnav: range jumped, rejected" in rig.texts()
+    assert rig.run(3.0, range_cm=15_000).pilot.mission.phase is Phase.ENGAGED
+    assert rig.run(20.0, range_cm=cm).pilot.mission.outcome.reason.endswith(f"they jumped by {cm / 100 - 150:+.0f} m")
 
 
 # --- one source ---

@@ -45,6 +45,8 @@ so many in a row without effect are enough."""
 LEAST_SIGMA, MOST_SIGMA = 1.0, 300.0
 """Standard deviation, m, that is told at least (PX4 resets hard below it); of a position that helps nobody any more: an
 autopilot by itself was some km off."""
+MOST_GIVEN = 10_000
+"""Newest positions that are kept for handback.csv: 2.7 hours of one per second."""
 PLACE_SIGMA = 15.0
 COMPASS_SIGMA = 0.03
 """What is not known of the compass, rad, where its bias was learnt; three times that where it was not."""
@@ -260,6 +262,9 @@ class HandBack:
     def __init__(self, settings: HandBackSettings) -> None:
         self.settings = settings
         self.given: list[Given] = []
+        """The newest positions, at most MOST_GIVEN."""
+        self.sent = self.accepted = 0
+        """Number of all positions given, and of those that the autopilot accepted."""
         self.ended = "the position was not lost"
         """Why nothing is given now, for people."""
         self.over = False
@@ -314,6 +319,8 @@ class HandBack:
         sigma = max(where.sigma, LEAST_SIGMA)
         by = "ranges" if where.by_ranges else "dead reckoning"
         self.given.append(Given(now, latitude, longitude, sigma, by))
+        del self.given[:-MOST_GIVEN]
+        self.sent += 1
         self.ended, self._lacks = "going on", ""
         return position_estimate(latitude, longitude, sigma, target, now, now - where.time)
 
@@ -330,7 +337,7 @@ class HandBack:
         self._waits, self._open, self._silent = False, False, 0
         match message.result:
             case dialect.MAV_RESULT_ACCEPTED:
-                self._look_at = now + LOOK_AFTER
+                self._look_at, self.accepted = now + LOOK_AFTER, self.accepted + 1
             case dialect.MAV_RESULT_FAILED | dialect.MAV_RESULT_TEMPORARILY_REJECTED:
                 self._due = max(self._due, now + AFTER_FAILED)
             case _:
@@ -349,8 +356,7 @@ class HandBack:
 
     def plain(self) -> dict[str, Any]:
         """For the summary."""
-        answers = [one.answer for one in self.given]
-        return {"sent": len(answers), "accepted": answers.count("accepted"), "ended": self.ended}
+        return {"sent": self.sent, "accepted": self.accepted, "ended": self.ended}
 
     def _end(self, why: str) -> None:
         self.over, self.ended = True, why

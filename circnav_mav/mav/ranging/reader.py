@@ -5,7 +5,7 @@ gate comes later, in the estimator. See `table` for what each message says, and 
 """
 
 from collections import Counter
-from collections.abc import Collection, Hashable
+from collections.abc import Hashable, Mapping
 from math import isfinite
 
 from circnav_mav.guidance.maths import horizontal, horizontal_rate
@@ -81,7 +81,7 @@ class RangeReader:
         now: float,
         *,
         height: float | None = None,
-        strangers: Collection[int] = (),
+        strangers: Mapping[int, Hashable] | None = None,
         one_way: float = 0.0,
         source: Hashable = None,
         vehicle: Hashable = None,
@@ -89,16 +89,17 @@ class RangeReader:
         """The sample that a message carries, or None; a rejection is counted in `rejected`.
 
         height: of the vehicle above the target, m; None: ranges are taken as horizontal. strangers: systems of other
-        vehicles, whose ranges are theirs unless the mission names one of them. one_way: the least that messages are
-        under way on this link, s: stamps alone cannot tell. source: where it came from. vehicle: where the vehicle's
-        frames come from, if known: a radio that the autopilot forwards moves with it.
+        vehicles and the addresses of their autopilots; ranges of these systems are rejected unless the mission names
+        one of them. one_way: the least that messages are under way on this link, s: stamps alone cannot tell. source:
+        where it came from. vehicle: where the vehicle's frames come from, if known: a radio that the autopilot
+        forwards moves with it.
         """
         self.restarted, self.stepped, self.rival = False, 0.0, None
         if message.get_type() != self._kind.type:
             return None
         if self._with_vehicle and self.trusted is not None and vehicle is not None:
             self.trusted = self.trusted._replace(source=vehicle)
-        answer = self._judge(message, now, height, strangers, source)
+        answer = self._judge(message, now, height, strangers or {}, source)
         if isinstance(answer, RangeSample) and vehicle is not None:
             self._with_vehicle = source == vehicle
         if isinstance(answer, RangeSample) and one_way > self._settings.max_age - SAME_TIME:
@@ -122,7 +123,7 @@ class RangeReader:
         self.rejected[reason.value] += count
 
     def _judge(
-        self, message: Message, now: float, height: float | None, strangers: Collection[int], source: Hashable
+        self, message: Message, now: float, height: float | None, strangers: Mapping[int, Hashable], source: Hashable
     ) -> RangeSample | Reject | None:
         settings = self._settings
         reading, picked = self._kind.read(message), self._kind.picked(message, settings)
@@ -179,13 +180,15 @@ class RangeReader:
     def _ambiguous(self, now: float) -> bool:
         return not self.sender_stays and self.sources.several(now)
 
-    def _fits(self, sender: Sender, strangers: Collection[int]) -> bool:
+    def _fits(self, sender: Sender, strangers: Mapping[int, Hashable]) -> bool:
         """True if a sender has the configured ids, and is not of another vehicle."""
         settings = self._settings
         if settings.system_id not in (None, sender.system) or settings.component_id not in (None, sender.component):
             return False
-        # an autopilot's also where they were heard, and believed, before its heartbeat told what it is
-        stays = self.sender_stays and sender == self.trusted and sender.component != AUTOPILOT_COMPONENT
+        # Ranges of another vehicle's autopilot may have been accepted before its first heartbeat, which comes from the
+        # address of the ranges. One from elsewhere is a stranger's in the name of the radio: it would end the flight.
+        its_own = sender.component == AUTOPILOT_COMPONENT and strangers.get(sender.system) == sender.source
+        stays = self.sender_stays and sender == self.trusted and not its_own
         return settings.system_id is not None or sender.system not in strangers or stays
 
     def _counts(self, sender: Sender, sensor: RangeSource, now: float, *, picked: bool) -> bool:

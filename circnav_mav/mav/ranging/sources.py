@@ -118,7 +118,7 @@ class RangeSources:
         alive = self._alive(now)
         if not alive or any(self._heard[source].picked for source in alive):
             return ""
-        keys = " and ".join(f"ranging.{key}" for key in alive[0].keys if key != "system_id")
+        keys = " and ".join(f"ranging.{key}" for key in alive[0].keys)
         return f"received: {self._words(alive)}, which the mission does not pick: compare {keys}"
 
     def _alive(self, now: float) -> list[RangeSource]:

@@ -188,6 +188,13 @@ def test_an_answer_that_comes_late_is_that_to_the_position_given_before_it():
     assert np.diff(times).min() > 3.5 and {one.answer for one in back.given[:-1]} == {"accepted"}
 
 
+def test_the_newest_positions_are_kept_and_all_of_them_counted(monkeypatch):
+    monkeypatch.setattr("circnav_mav.extras.locate.handback.MOST_GIVEN", 5)
+    back, times = late(mavlink.MAV_RESULT_ACCEPTED, delay=0.2)
+    assert [one.time for one in back.given] == times[-5:] and len(times) > 20
+    assert back.plain() == {"sent": len(times), "accepted": len(times), "ended": "going on"}
+
+
 TARGET = Place(0.0, ON_PLANE, 0.0, 0.0, 0.0, np.eye(2), up_sigma=1.0, up_known=True)
 
 

@@ -126,7 +126,7 @@ class Witness:
         for message in self._parser.parse_buffer(data) or ():
             if (message.get_srcSystem(), message.get_srcComponent()) != VEHICLE:
                 continue
-            if message.get_type() == "HEARTBEAT":
+            if message.get_type() == "HEARTBEAT" and message.autopilot != mavlink.MAV_AUTOPILOT_INVALID:
                 self._armed = bool(message.base_mode & ARMED)
                 self.unproved = self.unproved and waited
                 self._note(message.custom_mode)

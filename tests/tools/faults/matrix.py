@@ -17,9 +17,10 @@ from tests.tools.faults.scenarios.line import LINE
 from tests.tools.faults.scenarios.pauses import STANDSTILLS
 from tests.tools.faults.scenarios.peers import PEERS
 from tests.tools.faults.scenarios.ranging import RANGING
+from tests.tools.faults.scenarios.reports import REPORTS
 from tests.tools.faults.scenarios.signing import SIGNING
 
-EVERY = (*LINE, *RANGING, *PEERS, *SIGNING, *ATTACKS, *STANDSTILLS)
+EVERY = (*LINE, *RANGING, *PEERS, *SIGNING, *ATTACKS, *STANDSTILLS, *REPORTS)
 SCENARIOS = tuple(sorted(EVERY, key=lambda one: int(one.fault[1:])))
 PROFILES = ("arducopter", "arduplane", "ardurover", "px4_copter", "px4_plane", "px4_plane_attitude")
 FIRST = PROFILES[:2]
@@ -51,6 +52,7 @@ FAULTS = {
     "F23": "attackers on the link",
     "F24": "vehicle, radio or computer stand still",
     "F25": "several range sensors, and ranges faster than ticks",
+    "F29": "attitude and airspeed are missing, no numbers, or jump",
 }
 BY_FAULT = (
     "| | fault | levels | circnav | held to, RMS % of the radius | back within, s | silent or safe within, s "
@@ -136,7 +138,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m tests.tools.faults.matrix", description="Flies the fault matrix.")
     parser.add_argument("--quick", action="store_true", help="one or two levels of each fault, two vehicles")
     parser.add_argument("--profile", choices=PROFILES)
-    parser.add_argument("--fault", help="F1 to F25")
+    parser.add_argument("--fault", help="F1 to F25, F29")
     parser.add_argument("--level", help="part of the level's name")
     parser.add_argument("--law", default=LAW, help="guidance.law of the missions")
     parser.add_argument("--seed", type=int, default=1)

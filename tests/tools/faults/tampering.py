@@ -64,6 +64,11 @@ def offset(metres: float) -> Change:
     return lambda frame, now: [_shifted(frame, metres)]
 
 
+def scaled(share: float, seed: int) -> Change:
+    """Multiply every range: the radio reports in another unit."""
+    return lambda frame, now: [_set_cm(frame, round(share * read(frame).current_distance))]
+
+
 def quantised(metres: float) -> Change:
     """Ranges in steps, m."""
     step = round(metres * 100)

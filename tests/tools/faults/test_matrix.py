@@ -64,8 +64,10 @@ def test_after_a_minute_without_uplink_the_circle_is_regained_without_a_swing(se
 
 
 def test_every_fault_class_that_lockstep_can_show_has_levels_with_names_of_their_own() -> None:
-    """F8 is tests.tools.faults.fuzz; F21 the signals and the process, tests/flight/test_process.py."""
-    assert {one.fault for one in SCENARIOS} == set(FAULTS) == {f"F{n}" for n in range(1, 26)} - {"F8", "F21"}
+    """F8 is tests.tools.faults.fuzz; F21 the signals and the process, tests/flight/test_process.py; F26 to F28 have
+    tests of their own, see docs/faults.md."""
+    apart = {"F8", "F21", "F26", "F27", "F28"}
+    assert {one.fault for one in SCENARIOS} == set(FAULTS) == {f"F{n}" for n in range(1, 30)} - apart
     names = [(one.fault, one.level) for one in SCENARIOS]
     assert len(names) == len(set(names))
 

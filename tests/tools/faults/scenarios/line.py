@@ -42,6 +42,16 @@ OUTAGES = [
     *(outage(s, "up", quick=s == 10) for s in (0.5, 1, 3, 10, 60)),
     outage(90, "up", want=Want.SAFE),
     Scenario("F2", "up, bursts of 1 s every 10 s", up=Impairment(burst_every=10, burst=1), want=Want.REGAIN),
+    Scenario(
+        "F2",
+        "up, 2 s of every 4 s",
+        up=Impairment(outages=tuple((float(at), at + 2.0) for at in range(0, 40, 4))),
+        want=Want.REGAIN,
+        reported="UPLINK SILENT",
+        quick=True,
+        lasts=40.0,
+        profiles=("arducopter", "arduplane", "ardurover"),
+    ),
     *(outage(s, "down") for s in (1, 10, 60)),
     both("F2", "bursts of 1 s every 10 s", Impairment(burst_every=10, burst=1), want=Want.REGAIN),
     outage(90, "both", want=Want.END, reason="no vehicle or no ranging for", quick=True),
@@ -53,6 +63,16 @@ DELAY = [
     *(
         both("F3", f"{1000 * s:.0f} ms, stale_s 1.5", Impairment(delay=s), overrides=OLDER_RANGES, want=Want.REGAIN)
         for s in (0.5, 1.0)
+    ),
+    Scenario(
+        "F3",
+        "3 s of the uplink alone",
+        up=Impairment(delay=3.0),
+        want=Want.REGAIN,
+        reported="LINK TOO SLOW",
+        quick=True,
+        lasts=20.0,
+        profiles=("arducopter", "arduplane"),
     ),
     both("F3", "250 ms from the start", Impairment(delay=0.25), want=Want.ENGAGE, **FRESH),
     *(

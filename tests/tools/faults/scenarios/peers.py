@@ -8,7 +8,7 @@ from typing import Any
 
 from circnav_sim.config import Event
 from circnav_sim.faults import DOWN, UP, Impairment
-from circnav_sim.faults.frames import message_id, raw_frame
+from circnav_sim.faults.frames import message_id, raw_frame, write
 from circnav_sim.faults.intruders import GCS, ground_station, speaking, strangers, twin, vehicle
 from circnav_sim.faults.link import Intruder, Passage, Tamper
 from pymavlink.dialects.v20 import all as mavlink
@@ -179,10 +179,17 @@ def joined(level: str, make: Callable[[int], Intruder], want: Want = Want.HOLD, 
     return Scenario("F18", level, arrange=intrude(make), want=want, **more)
 
 
+def left_at_the_vehicles_ids(seed: int) -> Intruder:
+    """A gimbal of ids 1/1 behind the vehicle's router: no autopilot, mode 0, not armed."""
+    heartbeat = mavlink.MAVLink_heartbeat_message(26, 8, 0, 0, 4, 3)
+    return speaking(1.0, lambda n: [write(heartbeat, 1, 1, n & 255)])
+
+
 TWIN: dict[str, Any] = {"want": Want.END, "reason": "another companion", "lasts": 20}
 IDENTITY = [
     joined("GCS flood 200/s", lambda seed: ground_station(200.0), lasts=40),
     joined("second vehicle, system 2", lambda seed: vehicle(2), quick=True),
+    joined("component with the vehicle's ids", left_at_the_vehicles_ids, quick=True),
     joined("second vehicle, our system", lambda seed: vehicle(1, mode=5), Want.END, profiles=ARDUPILOT[:2]),
     joined("twin of ours", lambda seed: twin(*OURS, rate=10.0), **TWIN, quick=True),
     joined("twin of ours, heartbeats only", lambda seed: twin(*OURS), **TWIN),

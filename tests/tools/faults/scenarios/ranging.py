@@ -8,7 +8,19 @@ from tests.frames import read, rewritten
 from tests.tools.faults.cell import FRESH, Scenario, Want
 from tests.tools.faults.course import Course
 from tests.tools.faults.scenarios.line import PX4
-from tests.tools.faults.tampering import Change, every, noise, offset, on, outliers, quantised, sometimes, stamps, stuck
+from tests.tools.faults.tampering import (
+    Change,
+    every,
+    noise,
+    offset,
+    on,
+    outliers,
+    quantised,
+    scaled,
+    sometimes,
+    stamps,
+    stuck,
+)
 
 HOLD, REGAIN = Want.HOLD, Want.REGAIN
 SLOW = {"px4_copter": REGAIN}
@@ -71,6 +83,13 @@ NOISE = [
         for p, want in ((1, HOLD), (5, HOLD), (10, HOLD), (20, REGAIN), (30, REGAIN))
     ),
     tampered("F11", "+5 m for 5 s", lambda seed: offset(5.0), lasts=5.0, want=REGAIN),
+    *(
+        tampered("F11", f"{level} for 20 s", partial(scaled, share), lasts=20.0, reported="RANGE JUMPED", **more)
+        for level, share, more in (
+            ("twice the range", 2.0, {"want": REGAIN, "quick": True}),
+            ("feet for meters", 3.28, {"want": REGAIN}),
+        )
+    ),
     *(tampered("F11", f"steps of {step:g} m", lambda seed, s=step: quantised(s)) for step in (0.01, 0.1, 1.0)),
 ]
 

@@ -1,0 +1,70 @@
+"""F29: what the vehicle reports of its own motion is missing, no number, or jumps."""
+
+from collections.abc import Callable
+from math import nan, pi, remainder
+from typing import Any
+
+from tests.frames import read, rewritten
+from tests.tools.faults.cell import Scenario, Want
+from tests.tools.faults.course import Course
+from tests.tools.faults.tampering import Change, on
+
+ATTITUDE, VFR_HUD = 30, 74
+AUTO = ('guidance.law="auto"',)
+"""The default law: it uses the heading, and the matrix is flown with another."""
+ARDUPILOT = ("arducopter", "arduplane", "ardurover")
+"""PX4 sends ATTITUDE_QUATERNION beside ATTITUDE: either is enough."""
+YAW: dict[str, Any] = {"overrides": AUTO, "reported": "HEADING JUMPED", "profiles": ARDUPILOT}
+BLIND: dict[str, Any] = {"overrides": AUTO, "reported": "NO ATTITUDE", "profiles": ARDUPILOT, "want": Want.REGAIN}
+BANKED = ("arduplane", "px4_plane", "px4_plane_attitude")
+
+
+def reports(level: str, number: int, make: Callable[[Course], Change], **more: Any) -> Scenario:
+    """A change to one message of the vehicle while the fault lasts."""
+
+    def arrange(course: Course, seed: int) -> None:
+        course.link.tampers.append(on(number, make(course)))
+
+    return Scenario("F29", level, arrange=arrange, **{"lasts": 40.0, "after": 30.0, **more})
+
+
+def turned(angle: float) -> Callable[[Course], Change]:
+    """The yaw is set anew by so much, rad, and back when the fault ends."""
+
+    def change(frame: bytes, now: float) -> list[bytes]:
+        return [rewritten(frame, yaw=remainder(read(frame).yaw + angle, 2 * pi))]
+
+    return lambda course: change
+
+
+def every_second(course: Course) -> Change:
+    """One attitude a second."""
+    passed = [-1.0]
+
+    def change(frame: bytes, now: float) -> list[bytes]:
+        if now - passed[0] < 1.0 - 1e-6:
+            return []
+        passed[0] = now
+        return [frame]
+
+    return change
+
+
+def fixed(**values: float) -> Callable[[Course], Change]:
+    """Fields that are the same in every frame."""
+    return lambda course: lambda frame, now: [rewritten(frame, **values)]
+
+
+def missing(course: Course) -> Change:
+    return lambda frame, now: []
+
+
+REPORTS = [
+    reports("yaw set anew by 180 deg", ATTITUDE, turned(pi), quick=True, **YAW),
+    reports("yaw set anew by 90 deg", ATTITUDE, turned(pi / 2), quick=True, **YAW),
+    reports("no ATTITUDE", ATTITUDE, missing, quick=True, **BLIND),
+    reports("ATTITUDE without numbers", ATTITUDE, fixed(yaw=nan, rollspeed=nan, pitchspeed=nan, yawspeed=nan), **BLIND),
+    reports("ATTITUDE at 1 Hz", ATTITUDE, every_second, **BLIND),
+    reports("airspeed without a number", VFR_HUD, fixed(airspeed=nan), profiles=BANKED, reported="NO AIRSPEED"),
+    reports("airspeed 0", VFR_HUD, fixed(airspeed=0.0), profiles=("arduplane",), reported="NO AIRSPEED"),
+]
