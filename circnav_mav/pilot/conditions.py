@@ -28,12 +28,12 @@ FEW_SETPOINTS = 0.5
 UPLINK_SILENT = 2.0
 """Time, s, without an answer of a steered vehicle to TIMESYNC, which is asked once a second and repeated when lost."""
 LOST = {
-    "attitude": "flown by ranges alone; whether the vehicle follows its commands is not watched",
-    "airspeed": "V is used instead",
-    "altitude": "no climb is commanded",
-    "climb": "the pitch is not corrected by it",
+    "attitude": "NO ATTITUDE from the vehicle: flown by ranges alone, its turns are not watched",
+    "airspeed": "NO AIRSPEED from the vehicle: V is used instead",
+    "altitude": "NO ALTITUDE from the vehicle: no climb is commanded",
+    "climb": "NO CLIMB from the vehicle: the pitch is not corrected by it",
 }
-"""Consequences of reports that a steered vehicle does not send any more."""
+"""Alarms for reports that a steered vehicle does not send any more."""
 NOISE = "range noise {measured:.2g} m, expected {expected:.2g} m"
 
 Values = Mapping[str, object]
@@ -317,9 +317,9 @@ TABLE = (
     *(
         Condition(
             f"no_{name}", _lost(name), short=f"no {name}", over=f"{name} received again", steering=True,
-            long=f"NO {name.upper()} from the vehicle: {consequence}",
+            long=long,
         )
-        for name, consequence in LOST.items()
+        for name, long in LOST.items()
     ),
     Condition(
         "heading_jumped", _heading_jumped, short="heading jumped by {jump:+d} deg", over="heading jumped back",

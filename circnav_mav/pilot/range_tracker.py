@@ -115,11 +115,15 @@ class RangeTracker:
         return True
 
     def _reference(self) -> RangeSample | None:
-        """The newest range that counted, with the median of the newest three: one of them may be an outlier. None while
-        the vehicle is not steered."""
+        """Return the newest range that counted, with the median of the newest three; None unless the vehicle is steered.
+
+        One of the three may be an outlier. After an outage the ranges from before it do not count: the vehicle has flown
+        on, and the first range after it would be compared with where the vehicle was.
+        """
         if not self.ranging.moving or self.newest is None:
             return None
-        return self.newest._replace(r=median(one.r for one in list(self.recent)[-3:]))
+        lately = [one.r for one in list(self.recent)[-3:] if self.newest.time - one.time <= JUMPED_FOR]
+        return self.newest._replace(r=median(lately))
 
     @property
     def one_way(self) -> float:
