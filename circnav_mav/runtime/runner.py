@@ -30,6 +30,10 @@ class StopRequest:
         self.signal_name: str | None = None
         self._reader, self._writer = socket.socketpair()
         self._writer.setblocking(False)
+        self.claim()
+
+    def claim(self) -> None:
+        """Install the handlers. Call again after another package was loaded: rospy, for one, installs its own."""
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._on_signal)
 

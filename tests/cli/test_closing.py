@@ -114,19 +114,27 @@ def test_truth_or_ticks_that_cannot_be_understood_cost_their_figures_alone(fly, 
     assert (summary["truth"] is None) == ("truth" in what)
 
 
+def exits(*arguments):
+    sys.exit("of another package")
+
+
 @pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(
+    ("failure", "cause"),
+    [(fails, "IndexError: list index out of range"), (exits, "SystemExit: of another package")],
+)
 def test_an_error_of_ours_leaves_a_safe_setpoint_behind_and_says_where_it_is_written_down(
-    circnav, monkeypatch, tmp_path
+    circnav, monkeypatch, tmp_path, failure, cause
 ):
     safe = []
-    monkeypatch.setattr("circnav_mav.cli.fly.run", fails)
+    monkeypatch.setattr("circnav_mav.cli.fly.run", failure)
     monkeypatch.setattr("circnav_mav.pilot.Pilot.last_words", lambda pilot, now: safe.append(now) or b"")
     ran = circnav("fly", "quickstart", "--out", tmp_path / "run")
     report = tmp_path / "run" / "error.txt"
-    cause = "internal error: IndexError: list index out of range (test_closing.py:25)"
-    assert (ran.code, ran.line, len(safe)) == (1, f"circnav: {cause}, see {report}", 1)
-    assert "IndexError: list index out of range" in report.read_text()
-    assert strict(tmp_path / "run" / "summary.json")["reason"] == cause
+    line = f"internal error: {cause} (test_closing.py:{failure.__code__.co_firstlineno + 1})"
+    assert (ran.code, ran.line, len(safe)) == (1, f"circnav: {line}, see {report}", 1)
+    assert cause in report.read_text()
+    assert strict(tmp_path / "run" / "summary.json")["reason"] == line
 
 
 @pytest.mark.usefixtures("undrawn")

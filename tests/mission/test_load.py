@@ -209,8 +209,8 @@ def test_an_override_is_validated_like_the_file(text):
 
 @pytest.mark.parametrize(
     ("content", "says"),
-    [(None, "cannot be read: No such file or directory"), (b"\xff\xfe\x00name", "is not a text file in UTF-8"),
-     (b'name = "M\xfcnchen"', "is not a text file in UTF-8")],
+    [(None, "cannot be read: No such file or directory"), (b"\xff\xfe\x00name", "is not a text file in UTF-8: save it as one"),
+     (b'name = "M\xfcnchen"', "is not a text file in UTF-8: save it as one")],
 )  # fmt: skip
 def test_a_file_that_cannot_be_read_is_named(tmp_path, content, says):
     if content is not None:
