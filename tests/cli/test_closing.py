@@ -4,6 +4,7 @@ import csv
 import json
 import os
 import pty
+import signal
 import sys
 from importlib import import_module
 
@@ -135,6 +136,26 @@ def test_an_error_of_ours_leaves_a_safe_setpoint_behind_and_says_where_it_is_wri
     assert (ran.code, ran.line, len(safe)) == (1, f"circnav: {line}, see {report}", 1)
     assert cause in report.read_text()
     assert strict(tmp_path / "run" / "summary.json")["reason"] == line
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_signals_that_a_drivers_package_takes_for_itself_still_end_the_flight_safely(circnav, monkeypatch, tmp_path):
+    """rospy and rclpy install handlers of their own."""
+    fly = import_module("circnav_mav.cli.fly")  # the package's `fly` is the command
+    opened, flown = fly.open_links, fly.run
+
+    def opens(*arguments):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        return opened(*arguments)
+
+    def interrupted(*arguments):
+        signal.raise_signal(signal.SIGINT)
+        flown(*arguments)
+
+    monkeypatch.setattr(fly, "open_links", opens)
+    monkeypatch.setattr(fly, "run", interrupted)
+    assert circnav("fly", "quickstart", "--duration", 2, "--out", tmp_path / "run").code == 130
+    assert strict(tmp_path / "run" / "summary.json")["outcome"] == "interrupted"
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -322,6 +322,8 @@ CLASHES = [
     ("link.endpoint=sim", 'link.endpoint: is "sim", which needs a [sim] table describing the vehicle'),
     ("ranging.endpoint=sim",
      'ranging.endpoint: is "sim" but the vehicle is not the bundled one: --set ranging.endpoint=URL'),
+    ("ranging.endpoint=udpin:127.0.0.1:14550",
+     'ranging.endpoint: is "udpin:127.0.0.1:14550" as link.endpoint: leave it out where ranges come on that link'),
     ("bounds.min_range_m=300 bounds.max_range_m=200",
      "bounds.min_range_m: 300 is not below bounds.max_range_m = 200: lower it, or raise the other"),
     ("bounds.min_altitude_m=50 bounds.max_altitude_m=50",
