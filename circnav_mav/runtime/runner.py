@@ -23,8 +23,12 @@ LONGEST_STEP = 0.5
 hands since. A stall between two steps the pilot notices itself."""
 
 
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT)
+"""Signals that end a flight safely: Ctrl-C, a service that is stopped, and Ctrl-\\, which is beside Ctrl-C."""
+
+
 class StopRequest:
-    """SIGINT and SIGTERM as a flag that also wakes the loop."""
+    """The signals that end a flight as a flag that also wakes the loop."""
 
     def __init__(self) -> None:
         self.signal_name: str | None = None
@@ -34,7 +38,7 @@ class StopRequest:
 
     def claim(self) -> None:
         """Install the handlers. Call again after another package was loaded: rospy, for one, installs its own."""
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in ENDING:
             signal.signal(number, self._on_signal)
 
     def fileno(self) -> int:
