@@ -102,6 +102,7 @@ def fly_mission(
     ]
     for problem in filter(None, (*problems, *(drawing or Drawing(folder)).draw())):
         say(f"  WARNING    {problem}")
+    stop.release()
     if crash is not None:
         raise Refused(crash, Exit.INTERNAL)
     return code

@@ -44,10 +44,9 @@ class _Alarm(BaseModel, strict=True):
     text: str
 
 
-_Summary: type[BaseModel] = create_model(
-    "_Summary", __cls_kwargs__={"strict": True}, flown_s=(float, 0.0), alarms=(list[_Alarm], []), notes=(list[str], []),
-    **{field.name: (field.type, None) for field in fields(FlightFacts) if field.name != "orbit"},
-)  # fmt: skip
+_read_back: dict[str, Any] = {field.name: (field.type, None) for field in fields(FlightFacts) if field.name != "orbit"}
+_read_back |= {"flown_s": (float, 0.0), "alarms": (list[_Alarm], []), "notes": (list[str], [])}
+_Summary = create_model("_Summary", __cls_kwargs__={"strict": True}, **_read_back)
 """The values of summary.json that are read back, by their types in a flight."""
 
 

@@ -41,6 +41,11 @@ class StopRequest:
         for number in ENDING:
             signal.signal(number, self._on_signal)
 
+    def release(self) -> None:
+        """Let a signal end the process again. A thread that a driver left running would keep it for ever."""
+        for number in ENDING:
+            signal.signal(number, signal.SIG_DFL)
+
     def fileno(self) -> int:
         """Becomes readable when a signal has come."""
         return self._reader.fileno()

@@ -7,9 +7,11 @@ import pty
 import signal
 import sys
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
+from circnav_mav.cli.closing import Drawing
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.report.chart_data import alarms
 from circnav_mav.runlog.events import events
@@ -51,7 +53,7 @@ def test_what_draws_is_loaded_beside_the_bundled_vehicle_and_never_beside_a_real
     """A companion computer has a setpoint to send."""
     fly, happened = import_module("circnav_mav.cli.fly"), []
 
-    class Drawing:
+    class Fake:
         def __init__(self, folder):
             happened.append("loads")
 
@@ -61,12 +63,19 @@ def test_what_draws_is_loaded_beside_the_bundled_vehicle_and_never_beside_a_real
 
     run = fly.run
     monkeypatch.setattr(fly, "run", lambda *things, **named: (run(*things, **named), happened.append("flown")))
-    monkeypatch.setattr(fly, "Drawing", Drawing)
+    monkeypatch.setattr(fly, "Drawing", Fake)
     circnav("fly", "quickstart", "--duration", 1)
     assert happened == ["loads", "flown", "draws"]
     happened.clear()
     circnav("fly", mission)
     assert happened == ["flown", "loads", "draws"]
+
+
+def test_a_folder_whose_name_looks_like_an_option_gets_its_pictures(run, tmp_path, monkeypatch):
+    run.rename(tmp_path / "-x")
+    monkeypatch.chdir(tmp_path)
+    assert Drawing(Path("-x")).draw() == []
+    assert (tmp_path / "-x" / "report.html").exists()
 
 
 def test_of_a_flight_that_is_killed_nothing_goes_on_to_draw():
@@ -156,6 +165,7 @@ def test_signals_that_a_drivers_package_takes_for_itself_still_end_the_flight_sa
     monkeypatch.setattr(fly, "run", interrupted)
     assert circnav("fly", "quickstart", "--duration", 2, "--out", tmp_path / "run").code == 130
     assert strict(tmp_path / "run" / "summary.json")["outcome"] == "interrupted"
+    assert signal.getsignal(signal.SIGINT) is signal.SIG_DFL, "a thread that was left behind ends by Ctrl-C"
 
 
 @pytest.mark.usefixtures("undrawn")
