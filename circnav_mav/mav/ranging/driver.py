@@ -77,12 +77,12 @@ def make_driver(name: str) -> Driver:
     others = {point.name: point for point in entry_points(group=GROUP)}
     if name not in others:
         known = ", ".join(sorted(others))
-        raise DriverError(f"no driver {name!r}; there are {known} (docs/radios.md tells how to add one)")
+        raise DriverError(f"no driver {name!r}; there are {known} (docs/radios.md describes how to add one)")
     try:
         made: Driver = others[name].load()()
         for attribute, kind in ATTRIBUTES.items():
             if not isinstance(getattr(made, attribute, None), kind):
                 raise TypeError(f"its {attribute} is missing or not {kind.__name__}")
-    except FAILURES as error:  # whatever another package does
+    except FAILURES as error:  # of another package
         raise DriverError(f"driver {name!r} of {others[name].value} does not load: {error!r}") from None
     return made
