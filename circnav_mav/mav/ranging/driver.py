@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from numbers import Integral, Real
-from typing import Protocol
+from typing import Any, Protocol
 
 MOST_BEACON = 65535
 """Largest id of a beacon: 16 bits, as RANGING_BEACON carries it."""
@@ -14,7 +14,7 @@ TRANSPORTS = ("udp", "udpin", "udpout", "tcp", "tcpout", "serial", "sim")
 FAILURES = (Exception, SystemExit)
 """What a driver may raise. One that ends a program of its own by sys.exit() must not end the flight without a safe
 setpoint."""
-ATTRIBUTES: dict[str, type] = {"baud": int, "line_end": bytes, "unread": int, "receive": Callable, "ask": Callable}
+ATTRIBUTES: dict[str, Any] = {"baud": int, "line_end": bytes, "unread": int, "receive": Callable, "ask": Callable}
 """Attributes that a driver must have, with their types."""
 
 
