@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError, create_model
 
 from circnav_mav.foreign import printable, read_json, read_text
-from circnav_mav.mission.load import in_words
+from circnav_mav.mission.problems import in_words
 from circnav_mav.runlog.summary import FlightFacts
 from circnav_mav.runlog.ticks import Ticks, Truth, read_ticks, read_truth
 from circnav_mav.runlog.tlog import Damage, find_damage
