@@ -6,7 +6,6 @@ turn rates and headings counter-clockwise positive. Time is an argument: any clo
 
 from collections.abc import Callable, Mapping
 from math import isfinite, pi
-from threading import RLock
 
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
@@ -76,7 +75,6 @@ class Guidance:
         self._estimator = wanted
         self._newest: float | None = None
         self._answer = TurnAnswer(turn_lag, orbit.max_turn_rate)
-        self._lock = RLock()  # a node may receive ranges in one thread and command in another
 
     def observe(self, sample: RangeSample) -> bool:
         """Take in a range. True if it was accepted; False for an outlier, and for a sample that is no measurement."""
@@ -87,36 +85,29 @@ class Guidance:
             return False
         if sample.r_dot is not None and not (isfinite(sample.r_dot) and isfinite(sample.r_dot_sigma)):
             sample = sample._replace(r_dot=None)
-        with self._lock:
-            if self._estimator.observe(sample) is Fused.GATED:
-                return False
-            self._newest = sample.time
-            return True
+        if self._estimator.observe(sample) is Fused.GATED:
+            return False
+        self._newest = sample.time
+        return True
 
     def move(self, own: OwnMotion) -> bool:
         """Take in own motion, as often as it is known. Without it only laws on range alone fly. False for one that is
         not finite, which is ignored."""
         if not all(map(isfinite, (own.time, own.heading, own.turn_rate, own.airspeed))):
             return False
-        with self._lock:
-            self._estimator.move(own)
-            self._answer.feel(own._replace(bank_turn=None))
-            return True
+        self._estimator.move(own)
+        self._answer.feel(own._replace(bank_turn=None))
+        return True
 
     def estimate(self, now: float) -> RangeEstimate | None:
         """Range and range rate now, and in `relative` where the target is, where the estimator knows; None before the
         first range."""
-        with self._lock:
-            return self._estimator.at(now)
+        return self._estimator.at(now)
 
     def command(self, now: float) -> TurnCommand | None:
         """The turn rate to command now, finite and within the vehicle's limit. None where there is no estimate that
         may steer: before enough ranges came, and once the newest is stale; and where a law of one's own returns no
         finite number."""
-        with self._lock:
-            return self._command(now)
-
-    def _command(self, now: float) -> TurnCommand | None:
         estimate = self.estimate(now)
         fresh = self._newest is not None and now - self._newest <= self._stale + SAME_TIME
         if estimate is None or not fresh or not self._estimator.ready:

@@ -4,9 +4,8 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from math import cos, hypot, inf, isfinite, nan, radians, sin
+from math import cos, hypot, inf, nan, radians, sin
 from pathlib import Path
 from typing import Any
 
@@ -172,25 +171,6 @@ def test_a_sample_or_motion_that_is_no_measurement_is_refused_and_changes_no_com
 def test_only_a_finite_turn_rate_is_commanded():
     for turn in (nan, inf):
         assert heard(Guidance(ORBIT, lambda estimate, turn=turn: turn)).command(2.0) is None
-
-
-def test_ranges_and_commands_may_come_from_two_threads():
-    guidance, times = Guidance(ORBIT), [step / 100 for step in range(1000)]
-
-    def listen():
-        for time in times:
-            guidance.move(OwnMotion(time, 0.15 * time, 0.15, 15.0))
-            guidance.observe(RangeSample(time, time, 150.0, 1.0))
-
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(1e-5)
-    try:
-        with ThreadPoolExecutor() as threads:
-            heard, commands = threads.submit(listen), threads.submit(lambda: list(map(guidance.command, times)))
-            heard.result()
-            assert all(command is None or isfinite(command.turn_rate) for command in commands.result())
-    finally:
-        sys.setswitchinterval(before)
 
 
 @pytest.mark.parametrize("law", ["auto", "feedforward", "smooth", "switching", "pd"])
