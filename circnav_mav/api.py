@@ -5,6 +5,7 @@ turn rates and headings counter-clockwise positive. Time is an argument: any clo
 """
 
 from collections.abc import Callable, Mapping
+from math import isfinite, pi
 
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
@@ -12,7 +13,15 @@ from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.step import LawChoice, Steering, compensate_turn_gain, limited
 from circnav_mav.guidance.tuning import LawTuning
 from circnav_mav.guidance.turn_response import TurnAnswer
-from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, RangeSample, TurnCommand
+from circnav_mav.guidance.types import (
+    SAME_TIME,
+    Direction,
+    Orbit,
+    OwnMotion,
+    RangeEstimate,
+    RangeSample,
+    TurnCommand,
+)
 
 OwnLaw = Callable[[RangeEstimate], float]
 """A law of one's own: from the estimate to a turn rate, rad/s, counter-clockwise positive."""
@@ -24,9 +33,11 @@ def tune(
     """The law with the gain that a mission would fly.
 
     turn_lag: from a command to its turn, s. sigma: standard deviation of a range, m. rate: of the ranges, Hz. Raises
-    ValueError for a law that does not exist.
+    ValueError for a law that does not exist, and for a value that no vehicle or radio has.
     """
     _known("law", law, LAWS)
+    _check_values(orbit, turn_lag=turn_lag, sigma=sigma)
+    _check_above_zero("rate", rate)
     settings = EstimatorSettings(orbit.speed, orbit.max_turn_rate)
     return LawTuning(law, settings, turn_lag, sigma, 1 / rate).choice(orbit)
 
@@ -45,7 +56,9 @@ class Guidance:
     ) -> None:
         """law: by name, as `tune` returns it, or a function of one's own. estimator: by name, or an object of one's
         own; None: the one that the law wants. turn_lag: from a command to its turn, s. stale: age from which the
-        newest range steers no more, s. Raises ValueError for a name that does not exist."""
+        newest range steers no more, s. Raises ValueError for a name that does not exist, and for a value that no
+        vehicle has."""
+        _check_values(orbit, turn_lag=turn_lag, stale=stale)
         if isinstance(law, str):
             law = tune(orbit, law, turn_lag=turn_lag)
         if isinstance(law, LawChoice):
@@ -64,16 +77,27 @@ class Guidance:
         self._answer = TurnAnswer(turn_lag, orbit.max_turn_rate)
 
     def observe(self, sample: RangeSample) -> bool:
-        """Take in a range; tells whether it was accepted, or rejected as an outlier."""
+        """Take in a range. True if it was accepted; False for an outlier, and for a sample that is no measurement."""
+        # Radios and ROS drivers report NaN, an infinity, 0 or -1 where no range was measured. One NaN in the filter
+        # would make every later estimate NaN.
+        numbers = (sample.stamp, sample.time, sample.r, sample.sigma)
+        if not all(map(isfinite, numbers)) or sample.r <= 0 or sample.sigma < 0:
+            return False
+        if sample.r_dot is not None and not (isfinite(sample.r_dot) and isfinite(sample.r_dot_sigma)):
+            sample = sample._replace(r_dot=None)
         if self._estimator.observe(sample) is Fused.GATED:
             return False
         self._newest = sample.time
         return True
 
-    def move(self, own: OwnMotion) -> None:
-        """Take in own motion, as often as it is known. Without it only laws on range alone fly."""
+    def move(self, own: OwnMotion) -> bool:
+        """Take in own motion, as often as it is known. Without it only laws on range alone fly. False for one that is
+        not finite, which is ignored."""
+        if not all(map(isfinite, (own.time, own.heading, own.turn_rate, own.airspeed))):
+            return False
         self._estimator.move(own)
         self._answer.feel(own._replace(bank_turn=None))
+        return True
 
     def estimate(self, now: float) -> RangeEstimate | None:
         """Range and range rate now, and in `relative` where the target is, where the estimator knows; None before the
@@ -81,8 +105,9 @@ class Guidance:
         return self._estimator.at(now)
 
     def command(self, now: float) -> TurnCommand | None:
-        """The turn rate to command now, within the vehicle's limit. None where there is no estimate that may steer:
-        before enough ranges came, and once the newest is stale."""
+        """The turn rate to command now, finite and within the vehicle's limit. None where there is no estimate that
+        may steer: before enough ranges came, and once the newest is stale; and where a law of one's own returns no
+        finite number."""
         estimate = self.estimate(now)
         fresh = self._newest is not None and now - self._newest <= self._stale + SAME_TIME
         if estimate is None or not fresh or not self._estimator.ready:
@@ -91,6 +116,9 @@ class Guidance:
         turning = estimate.relative.turn_rate if estimate.relative is not None else 0.0
         wanted = self._steer(estimate, 0.0, self._answer.pending(now, turning), 1.0)
         command = compensate_turn_gain(wanted, self._orbit.max_turn_rate, self._answer.gain)
+        if not isfinite(command.demanded):
+            self._answer.reset()
+            return None
         self._answer.command(now, command.turn_rate)
         return command
 
@@ -102,3 +130,21 @@ def _own(law: OwnLaw, orbit: Orbit) -> Callable[..., TurnCommand]:
 def _known(what: str, name: str, table: Mapping[str, object]) -> None:
     if name not in table:
         raise ValueError(f"{what} {name!r} is not one of {', '.join(table)}")
+
+
+def _check_values(orbit: Orbit, **values: float) -> None:
+    """Raise ValueError for a circle that no vehicle flies, or a value below 0, with its name and unit."""
+    for name in ("radius", "speed", "max_turn_rate"):
+        _check_above_zero(f"orbit.{name}", getattr(orbit, name))
+    if not isinstance(orbit.direction, Direction):
+        raise ValueError(f"orbit.direction: must be Direction.CLOCKWISE or COUNTERCLOCKWISE, not {orbit.direction!r}")
+    if orbit.max_turn_rate > 2 * pi:
+        raise ValueError(f"orbit.max_turn_rate: {orbit.max_turn_rate:g} rad/s is more than a turn a second: not deg/s")
+    for name, value in values.items():
+        if not value >= 0:
+            raise ValueError(f"{name}: must be at least 0, not {value:g}")
+
+
+def _check_above_zero(name: str, value: float) -> None:
+    if not (isfinite(value) and value > 0):
+        raise ValueError(f"{name}: must be a finite number above 0, not {value:g}")

@@ -17,6 +17,7 @@ from typing import IO
 import pytest
 
 from circnav_mav.cli import main
+from circnav_mav.runtime.runner import ENDING
 from tests import small_mission
 from tests.browser import CHROMIUM, Browser
 from tests.flight.recorded import recorded_flight
@@ -60,7 +61,7 @@ def circnav(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> Iterator[Callable[..., Ran]]:
     """Run `circnav ARGUMENTS` in an empty folder."""
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    handlers = {number: signal.getsignal(number) for number in (*ENDING, signal.SIGHUP)}
     monkeypatch.chdir(tmp_path)
 
     def run(*arguments: object) -> Ran:

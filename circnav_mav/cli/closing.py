@@ -145,7 +145,7 @@ class Drawing:
         self._process: subprocess.Popen[str] | None = None
         with suppress(OSError):  # no room for one more process
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "circnav_mav", "report", str(folder), "--after-flight"],
+                [sys.executable, "-P", "-m", "circnav_mav", "report", "--after-flight", "--", str(folder)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,

@@ -1,6 +1,7 @@
 """How commands are described: the parameter types that they share, and a decorator that imports what carries a command
 out only when it runs."""
 
+import os
 from collections.abc import Callable
 from functools import wraps
 from math import isfinite
@@ -30,9 +31,11 @@ class Folder(click.Path):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the name of the folder. Raises Refused for a name that was hardly meant: an empty one, as of a
         script's variable that was never set, the root, and a link behind which other files are."""
-        folder = Path(value)
         if value == "":
             raise Refused("--out: is empty, give it a name")
+        # A shell leaves `~` in `--out=~/run` as it is. A folder of that name invites `rm -r ~`.
+        value = os.path.expanduser(value)
+        folder = Path(value)
         if folder.resolve() == Path(folder.resolve().anchor):
             raise Refused(f"--out {value}: is the root of the disk, name a folder in it")
         if folder.is_symlink() and folder.is_dir() and any(folder.iterdir()):

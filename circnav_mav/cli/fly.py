@@ -68,6 +68,7 @@ def fly_mission(
         with ExitStack() as open_things:
             signing, signing_time = open_signing(mission, open_things)
             links = open_links(mission, open_things)
+            stop.claim()
             pilot = Pilot(mission.pilot_settings(output_mode), signing)
             onlookers = open_onlookers(mission, pilot, signing, options, watched_open)
             recorder = open_things.enter_context(closing(_recorder(out, mission)))
@@ -101,6 +102,7 @@ def fly_mission(
     ]
     for problem in filter(None, (*problems, *(drawing or Drawing(folder)).draw())):
         say(f"  WARNING    {problem}")
+    stop.release()
     if crash is not None:
         raise Refused(crash, Exit.INTERNAL)
     return code
@@ -144,7 +146,7 @@ def _crash_of(loop: Callable[[], None], pilot: Pilot, links: dict[str, Link], cl
     sys.setswitchinterval(LONGEST_TURN)
     try:
         loop()
-    except Exception as error:
+    except BaseException as error:  # also sys.exit() in another package
         # first of all, whatever the disk does
         links[VEHICLE].send(pilot.last_words(clock.now()), pilot.session.reply_to)
         cause = in_one_line(error)

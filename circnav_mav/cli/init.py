@@ -1,6 +1,7 @@
 """`circnav init` and `circnav schema`: a mission of one's own, and what an editor wants to know of it."""
 
 import json
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from circnav_mav.cli.bundled import bundled, names
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.extension import extensions, load
 from circnav_mav.mission.load import whole_schema
+from circnav_mav.runlog.atomic_write import write_text
 
 SCHEMA = "mission.schema.json"
 DRAFT = "http://json-schema.org/draft-07/schema#"
@@ -33,14 +35,12 @@ def write_mission(vehicle: str | None, file: str | None) -> int:
     text = re.sub(rf"(circnav \w+ ){called}\b", lambda found: found[1] + str(path), text)
     text = text.replace(f'\nname = "{source.stem}"\n', f'\nname = "{path.stem}"\n', 1)
     with refusing(path):
-        try:
-            with path.open("x", encoding="utf-8") as fresh:
-                fresh.write(text)
-        except FileExistsError:
-            raise Refused(f"init: {path}: is there already, name another file: circnav init {vehicle} FILE") from None
+        if os.path.lexists(path):
+            raise Refused(f"init: {path}: is there already, name another file: circnav init {vehicle} FILE")
+        write_text(path, text)
         schema = path.with_name(SCHEMA)
         if not schema.exists():
-            schema.write_text(schema_text("mission"), encoding="utf-8")
+            write_text(schema, schema_text("mission"))
     about = next((line[2:] for line in text.splitlines() if line.startswith("# ")), "")
     where = "on the bundled emulator" if '\nendpoint = "sim"' in text else "on your vehicle"
     say(f"{path}: {about}\nEvery value is commented. Change what is yours, then:")

@@ -81,7 +81,8 @@ def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str 
     settings = settings if gain is None else replace(settings, turn_gain=gain)
     with refusing(run.folder):
         pilot = Pilot(settings if has_requests(run.folder) else as_flown_before(settings))
-    done = _replayed(run.folder, pilot, recorded_steps(run.folder), empty="an empty run, nothing was recorded")
+    empty = "nothing to replay: flight.tlog or turns.csv is empty, or damaged from its beginning on"
+    done = _replayed(run.folder, pilot, recorded_steps(run.folder), empty=empty)
     whole = _say_damage(run, done, pilot)
     if gain is not None:
         say(f"  turn gain  held at {gain:.3g}, as at the end of the flight, which flew other turns")

@@ -22,6 +22,8 @@ def _of_endpoints(file: MissionFile) -> Iterator[str]:
         yield f'link.endpoint: is "{SIM}", which needs a [sim] table describing the vehicle'
     if ranging.endpoint == SIM and file.link.endpoint != SIM:
         yield f'ranging.endpoint: is "{SIM}" but the vehicle is not the bundled one: --set ranging.endpoint=URL'
+    if ranging.endpoint == file.link.endpoint and ranging.endpoint.startswith(("udpin:", "udp:", "serial:")):
+        yield f'ranging.endpoint: is "{ranging.endpoint}" as link.endpoint: leave it out where ranges come on that link'
     if split_driver(ranging.endpoint or "")[0] and ranging.message != "ranging_beacon":
         yield f'ranging.message: is "{ranging.message}", a driver gives "ranging_beacon": set that'
     if file.signing and file.signing.accept_unsigned == "ranging" and ranging.endpoint is None:

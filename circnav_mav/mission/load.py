@@ -36,7 +36,7 @@ def read_text(path: Path) -> str:
     except OSError as error:
         raise MissionError(f"{path}: cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError:
-        raise MissionError(f"{path}: is not a text file in UTF-8") from None
+        raise MissionError(f"{path}: is not a text file in UTF-8: save it as one") from None
 
 
 def read_toml(text: str, where: str) -> dict[str, Any]:

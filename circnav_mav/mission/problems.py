@@ -46,7 +46,7 @@ def _one_in_words(problem: ErrorDetails, schema: type[BaseModel]) -> str:
     if bound is not None and isinstance(given, int | float):
         return f"{key}: must be {bound}, not {given:g}"
     text = problem["msg"][:1].lower() + problem["msg"][1:]
-    return f"{key}: {text.removeprefix('input ')}, not {_shown(given)}{_number_meant(kind, given)}"
+    return f"{key}: {text.removeprefix('input ')}, not {_shown(given)}{_remedy(kind, given)}"
 
 
 def _shown(given: Any) -> str:
@@ -54,8 +54,10 @@ def _shown(given: Any) -> str:
     return repr(given)[:MOST_SHOWN]
 
 
-def _number_meant(kind: str, given: Any) -> str:
-    """The remedy for a number that TOML does not know as one: .5, 1. or one in quotes."""
+def _remedy(kind: str, given: Any) -> str:
+    """The remedy for a value that TOML spells in another way: .5, 1. or a number in quotes, yes or True."""
+    if kind == "bool_type":
+        return ": write true or false"
     if kind not in ("float_type", "int_type") or not isinstance(given, str):
         return ""
     try:

@@ -20,12 +20,18 @@ FAR = 1e9
 MOST_PORT = 65535
 MOST_STALE = 5.0
 """Age of a range, s, that nothing should be steered by."""
+MAX_TURN_LAG = 10.0
+"""Longest delay of a vehicle's turn, s. More was meant in milliseconds."""
+MAX_PATIENCE = 3600.0
+"""Longest time, s, for which a flight goes on without ranges, vehicle or obedience. More was meant in milliseconds, and
+would switch the exit action off."""
 MAX_NAME = 100
 """Most characters of a mission's name: with a time before it, it names the run folder."""
 MAX_CIRCLES = 50
 """Most circles of a mission: the live page is sent all of them in one line, which a pipe takes up to 4 kB long."""
 Positive = Annotated[float, Field(gt=0, le=FAR)]
 NotNegative = Annotated[float, Field(ge=0, le=FAR)]
+Patience = Annotated[float, Field(ge=0, le=MAX_PATIENCE)]
 Height = Annotated[float, Field(ge=-FAR, le=FAR)]
 SystemId = Annotated[int, Field(ge=1, le=255)]
 ComponentId = Annotated[int, Field(ge=0, le=255)]
@@ -111,7 +117,7 @@ class VehicleTable(Table):
     max_turn_rate_deg_s: Positive | None = None
     max_bank_deg: Annotated[float, Field(gt=0, le=75)] | None = None  # at 75 a level turn pulls 3.9 g
     full_stick_bank_deg: Annotated[float, Field(gt=0, le=90)] = 50.0  # PX4's default of FW_R_LIM
-    turn_lag_s: NotNegative = 0.4
+    turn_lag_s: Annotated[float, Field(ge=0, le=MAX_TURN_LAG)] = 0.4
     turn_gain: Literal["learn"] | Annotated[float, Field(ge=0.5, le=1.5)] = "learn"
     system_id: SystemId | None = None
     loops: LoopsTable = LoopsTable()
@@ -189,8 +195,8 @@ class LimitsTable(Table):
 
     duration_s: Positive
     stale_s: Annotated[float, Field(gt=0, le=MOST_STALE)] | None = None
-    hold_s: NotNegative = 10.0
-    unfollowed_s: NotNegative = 10.0
+    hold_s: Patience = 10.0
+    unfollowed_s: Patience = 10.0
     tick_hz: Annotated[float, Field(ge=5, le=100)] = 20.0  # PX4 leaves OFFBOARD below 2 Hz
 
 
@@ -207,7 +213,7 @@ class BoundsTable(Table):
     max_range_m: Positive | None = None
     min_altitude_m: Height | None = None
     max_altitude_m: Height | None = None
-    min_battery_percent: Annotated[float, Field(ge=0, le=100)] | None = None
+    min_battery_percent: Annotated[float, Field(ge=1, le=100)] | None = None  # below 1 a fraction was meant
 
 
 class LogTable(Table):

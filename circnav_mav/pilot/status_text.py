@@ -10,7 +10,7 @@ from circnav_mav.pilot.mission_state import Ending, MissionState, Outcome, Phase
 from circnav_mav.pilot.range_tracker import FRESH, RangeTracker
 from circnav_mav.pilot.settings import VEHICLE, OutputMode, PilotSettings
 
-_NEEDS = {"kalman": "", "measured": "; it needs the measured range rate (ranging.rate_name), too"}
+_NEEDS = {"auto": "", "kalman": "", "measured": "; it needs the measured range rate (ranging.rate_name), too"}
 
 
 @dataclass(frozen=True)

@@ -3,16 +3,51 @@
 import csv
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel, ValidationError, create_model
+
 from circnav_mav.foreign import printable, read_json, read_text
+from circnav_mav.mission.problems import in_words
+from circnav_mav.runlog.summary import FlightFacts
 from circnav_mav.runlog.ticks import Ticks, Truth, read_ticks, read_truth
 from circnav_mav.runlog.tlog import Damage, find_damage
 
 YEAR_2100_US = 4_102_444_800_000_000
+
+
+class _Autopilot(BaseModel, strict=True):
+    """The autopilot in manifest.json, as far as it is read back."""
+
+    system: int | None = None
+
+
+class _Manifest(BaseModel, strict=True):
+    """The values of manifest.json that are read back. A file edited by hand may hold any type."""
+
+    mission: str | None = None
+    voice: str | None = None
+    outcome: str | None = None
+    reason: str | None = None
+    seeds: dict[str, Any] | None = None
+    versions: dict[str, Any] | None = None
+    autopilot: _Autopilot | None = None
+
+
+class _Alarm(BaseModel, strict=True):
+    """An alarm in summary.json."""
+
+    time_s: float
+    text: str
+
+
+_read_back: dict[str, Any] = {field.name: (field.type, None) for field in fields(FlightFacts) if field.name != "orbit"}
+_read_back |= {"flown_s": (float, 0.0), "alarms": (list[_Alarm], []), "notes": (list[str], [])}
+_Summary = create_model("_Summary", __cls_kwargs__={"strict": True}, **_read_back)
+"""The values of summary.json that are read back, by their types in a flight."""
 
 
 class RunError(Exception):
@@ -78,6 +113,8 @@ def open_run(folder: Path) -> Run:
     manifest, summary = _table(folder / "manifest.json"), dict[str, Any]()
     with suppress(RunError):  # its figures can be made anew
         summary = _table(folder / "summary.json")
+    _check_types(folder / "manifest.json", manifest, _Manifest)
+    _check_types(folder / "summary.json", summary, _Summary)
     epoch = manifest.get("epoch_us") or summary.get("epoch_us")
     if type(epoch) is not int or not 0 < epoch < YEAR_2100_US:
         raise RunError(f"{folder}: neither manifest.json nor summary.json tells when the run began (epoch_us)")
@@ -93,6 +130,14 @@ def _table(path: Path) -> dict[str, Any]:
         return table if isinstance(table, dict) else {}
 
 
+def _check_types(path: Path, table: dict[str, Any], schema: type[BaseModel]) -> None:
+    """Check the values that are read back. Raises RunError that names file and key."""
+    try:
+        schema.model_validate(table)
+    except ValidationError as error:
+        raise RunError(f"{path}: {in_words(error, schema)}: correct it, or delete the file") from None
+
+
 @contextmanager
 def _refusing(path: Path) -> Iterator[None]:
     """What is wrong with a file, in one line. Raises RunError."""
@@ -100,5 +145,7 @@ def _refusing(path: Path) -> Iterator[None]:
         yield
     except RecursionError:
         raise RunError(f"{path}: is nested too deeply") from None
+    except UnicodeDecodeError:
+        raise RunError(f"{path}: is not a text file in UTF-8: save it as one") from None
     except (OSError, ValueError, csv.Error) as error:
         raise RunError(f"{path}: {getattr(error, 'strerror', None) or error}") from None

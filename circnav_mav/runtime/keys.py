@@ -1,6 +1,7 @@
 """The signing key and its timestamp on disk."""
 
 import os
+from codecs import BOM_UTF8
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -26,7 +27,7 @@ def read_key(path: Path) -> bytes:
     """The 32 bytes of a key file that nobody else can read: raw, or as 64 hex digits. Raises KeyFileError."""
     try:
         mode = path.stat().st_mode
-        data = read_bytes(path, MAX_KEY_FILE)
+        data = read_bytes(path, MAX_KEY_FILE).removeprefix(BOM_UTF8)  # of an editor on Windows
     except OSError as error:
         raise KeyFileError(f"{path}: cannot be read: {error.strerror or error}") from None
     if mode & 0o077:

@@ -74,7 +74,7 @@ def open_link(text: str, peers: Iterable[str] = ()) -> Link:
             return _open_serial(endpoint)
         return _open_tcp(endpoint) if endpoint.kind == "tcp" else UdpLink(endpoint, peers)
     except ImportError:
-        raise LinkError(f"endpoint {text}: needs the package pyserial: pip install pyserial") from None
+        raise LinkError(f"endpoint {text}: needs the package pyserial, not serial: pip install pyserial") from None
     except LOST as error:
         nobody = endpoint.kind == "tcp" and not isinstance(error, UnicodeError)
         raise LinkError(f"endpoint {text}: {explain(error)}", nobody=nobody) from None
@@ -265,9 +265,9 @@ def _received(connection: socket.socket) -> bytes:
 
 def _open_serial(endpoint: Endpoint) -> StreamLink:
     """A serial line through pyserial. Raises LOST, ImportError."""
-    import serial
+    from serial import Serial  # another package is named `serial`, too: it lacks this name
 
     def open_port() -> Any:
-        return serial.Serial(endpoint.host, endpoint.port, timeout=0, write_timeout=0)
+        return Serial(endpoint.host, endpoint.port, timeout=0, write_timeout=0)
 
     return StreamLink(endpoint.host, open_port(), open_port, lambda port: bytes(port.read(MOST_BYTES)))

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.codec import Encoder
 from circnav_mav.mav.identity import spelt
-from circnav_mav.mav.ranging.driver import Driver, DriverError, RadioReading, make_driver, split_driver
+from circnav_mav.mav.ranging.driver import FAILURES, Driver, DriverError, RadioReading, make_driver, split_driver
 from circnav_mav.runtime.endpoint import LinkError, parse_endpoint
 from circnav_mav.runtime.links import Link, note, open_link
 
@@ -39,19 +39,19 @@ class RadioLink:
         self._since: float | None = None
         self._unread = 0
         if self._line_end:
-            driver.receive(self._line_end, 0.0)  # the first datagram begins a line
+            try:
+                driver.receive(self._line_end, 0.0)  # the first datagram begins a line
+            except FAILURES as error:
+                self._failed(error)
 
     def fileno(self) -> int | None:
         return self._link.fileno()
 
     def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
         """A frame of each new reading."""
-        heard = self.read(now)
-        try:
-            return [(self._frame(reading), f"{spelt(source)} beacon {reading.beacon}") for reading, source in heard]
-        except Exception as error:
-            self._failed(error)
-            return []
+        return [
+            (self._frame(reading), f"{spelt(source)} beacon {reading.beacon}") for reading, source in self.read(now)
+        ]
 
     def read(self, now: float) -> list[tuple[RadioReading, Hashable]]:
         """The new readings and where they came from. A driver that fails is a trouble, and loses these bytes."""
@@ -59,11 +59,18 @@ class RadioLink:
         try:
             if words := self._driver.ask(now):
                 self._link.send(words, None)
-            for data, source in self._link.receive(now):
-                whole = data if data.endswith(self._line_end) else data + self._line_end
-                readings += [(reading, source) for reading in self._driver.receive(whole, now)]
-        except Exception as error:
+        except FAILURES as error:
             self._failed(error)
+        # Read also after a question that failed: bytes left in the socket would wake the loop at once, for ever.
+        for data, source in self._link.receive(now):
+            whole = data if data.endswith(self._line_end) else data + self._line_end
+            try:
+                for reading in self._driver.receive(whole, now):
+                    if not isinstance(reading, RadioReading):
+                        raise TypeError(f"{reading!r} is not a RadioReading")
+                    readings.append((reading, source))
+            except FAILURES as error:
+                self._failed(error)
         self._watch(bool(readings), now)
         return readings
 
@@ -73,7 +80,7 @@ class RadioLink:
     def close(self) -> None:
         self._link.close()
 
-    def _failed(self, error: Exception) -> None:
+    def _failed(self, error: BaseException) -> None:
         failed = f"driver {self._name} failed"
         note(self.troubles, f"{failed}: {error!r:.{MOST_WORDS}}", f"{failed} in other ways")
 

@@ -23,15 +23,28 @@ LONGEST_STEP = 0.5
 hands since. A stall between two steps the pilot notices itself."""
 
 
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT)
+"""Signals that end a flight safely: Ctrl-C, a service that is stopped, and Ctrl-\\, which is beside Ctrl-C."""
+
+
 class StopRequest:
-    """SIGINT and SIGTERM as a flag that also wakes the loop."""
+    """The signals that end a flight as a flag that also wakes the loop."""
 
     def __init__(self) -> None:
         self.signal_name: str | None = None
         self._reader, self._writer = socket.socketpair()
         self._writer.setblocking(False)
-        for number in (signal.SIGINT, signal.SIGTERM):
+        self.claim()
+
+    def claim(self) -> None:
+        """Install the handlers. Call again after another package was loaded: rospy, for one, installs its own."""
+        for number in ENDING:
             signal.signal(number, self._on_signal)
+
+    def release(self) -> None:
+        """Let a signal end the process again. A thread that a driver left running would keep it for ever."""
+        for number in ENDING:
+            signal.signal(number, signal.SIG_DFL)
 
     def fileno(self) -> int:
         """Becomes readable when a signal has come."""

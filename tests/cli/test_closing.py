@@ -4,11 +4,14 @@ import csv
 import json
 import os
 import pty
+import signal
 import sys
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
+from circnav_mav.cli.closing import Drawing
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.report.chart_data import alarms
 from circnav_mav.runlog.events import events
@@ -50,7 +53,7 @@ def test_what_draws_is_loaded_beside_the_bundled_vehicle_and_never_beside_a_real
     """A companion computer has a setpoint to send."""
     fly, happened = import_module("circnav_mav.cli.fly"), []
 
-    class Drawing:
+    class Fake:
         def __init__(self, folder):
             happened.append("loads")
 
@@ -60,12 +63,19 @@ def test_what_draws_is_loaded_beside_the_bundled_vehicle_and_never_beside_a_real
 
     run = fly.run
     monkeypatch.setattr(fly, "run", lambda *things, **named: (run(*things, **named), happened.append("flown")))
-    monkeypatch.setattr(fly, "Drawing", Drawing)
+    monkeypatch.setattr(fly, "Drawing", Fake)
     circnav("fly", "quickstart", "--duration", 1)
     assert happened == ["loads", "flown", "draws"]
     happened.clear()
     circnav("fly", mission)
     assert happened == ["flown", "loads", "draws"]
+
+
+def test_a_folder_whose_name_looks_like_an_option_gets_its_pictures(run, tmp_path, monkeypatch):
+    run.rename(tmp_path / "-x")
+    monkeypatch.chdir(tmp_path)
+    assert Drawing(Path("-x")).draw() == []
+    assert (tmp_path / "-x" / "report.html").exists()
 
 
 def test_of_a_flight_that_is_killed_nothing_goes_on_to_draw():
@@ -114,19 +124,48 @@ def test_truth_or_ticks_that_cannot_be_understood_cost_their_figures_alone(fly, 
     assert (summary["truth"] is None) == ("truth" in what)
 
 
+def exits(*arguments):
+    sys.exit("of another package")
+
+
 @pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(
+    ("failure", "cause"),
+    [(fails, "IndexError: list index out of range"), (exits, "SystemExit: of another package")],
+)
 def test_an_error_of_ours_leaves_a_safe_setpoint_behind_and_says_where_it_is_written_down(
-    circnav, monkeypatch, tmp_path
+    circnav, monkeypatch, tmp_path, failure, cause
 ):
     safe = []
-    monkeypatch.setattr("circnav_mav.cli.fly.run", fails)
+    monkeypatch.setattr("circnav_mav.cli.fly.run", failure)
     monkeypatch.setattr("circnav_mav.pilot.Pilot.last_words", lambda pilot, now: safe.append(now) or b"")
     ran = circnav("fly", "quickstart", "--out", tmp_path / "run")
     report = tmp_path / "run" / "error.txt"
-    cause = "internal error: IndexError: list index out of range (test_closing.py:25)"
-    assert (ran.code, ran.line, len(safe)) == (1, f"circnav: {cause}, see {report}", 1)
-    assert "IndexError: list index out of range" in report.read_text()
-    assert strict(tmp_path / "run" / "summary.json")["reason"] == cause
+    line = f"internal error: {cause} (test_closing.py:{failure.__code__.co_firstlineno + 1})"
+    assert (ran.code, ran.line, len(safe)) == (1, f"circnav: {line}, see {report}", 1)
+    assert cause in report.read_text()
+    assert strict(tmp_path / "run" / "summary.json")["reason"] == line
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_signals_that_a_drivers_package_takes_for_itself_still_end_the_flight_safely(circnav, monkeypatch, tmp_path):
+    """rospy and rclpy install handlers of their own."""
+    fly = import_module("circnav_mav.cli.fly")  # the package's `fly` is the command
+    opened, flown = fly.open_links, fly.run
+
+    def opens(*arguments):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        return opened(*arguments)
+
+    def interrupted(*arguments):
+        signal.raise_signal(signal.SIGINT)
+        flown(*arguments)
+
+    monkeypatch.setattr(fly, "open_links", opens)
+    monkeypatch.setattr(fly, "run", interrupted)
+    assert circnav("fly", "quickstart", "--duration", 2, "--out", tmp_path / "run").code == 130
+    assert strict(tmp_path / "run" / "summary.json")["outcome"] == "interrupted"
+    assert signal.getsignal(signal.SIGINT) is signal.SIG_DFL, "a thread that was left behind ends by Ctrl-C"
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -1,5 +1,6 @@
 """Run folders that were damaged in every way: report and replay tell what there is, or refuse in one line."""
 
+import json
 import os
 import re
 import sys
@@ -47,8 +48,9 @@ NO_TIME = "time: must be seconds of the run, not"
         ("replay", lambda run: with_cells(run, -1, time="0.0"), "time: 0.000000 comes after "),
         ("report", lambda run: write(run, [*rows(run)[:2], *rows(run)[1:2]]), "line 3: time: stands still to the end"),
         ("report", lambda run: with_cells(run, 7, r="far"), "line 7: r: 'far' is not a number"),
+        ("report", lambda run: (run / "ticks.csv").write_text("time", "utf-16"), "is not a text file in UTF-8"),
     ],
-    ids=["empty first", "last at 0", "all equal", "a word"],
+    ids=["empty first", "last at 0", "all equal", "a word", "UTF-16"],
 )
 def test_ticks_whose_times_make_no_sense_are_refused_with_their_line(told, run, command, spoil, says):
     spoil(run)
@@ -74,6 +76,26 @@ def page_with(told, run, summary):
 def test_a_summary_that_a_full_disk_left_half_written_is_no_obstacle(told, run):
     for text in ("", "{", "[]", "{}", "[" * 100_000, "null"):
         assert "no whole summary.json: the figures are of what was recorded" in page_with(told, run, text), text[:9]
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "says"),
+    [
+        ("summary.json", {"samples_accepted": "many"}, "samples_accepted: should be a valid integer, not 'many'"),
+        ("summary.json", {"outcome": 3}, "outcome: should be a valid string, not 3"),
+        ("summary.json", {"engaged_s": "12.5"}, "engaged_s: should be a valid number, not '12.5': write 12.5"),
+        ("summary.json", {"alarms": ["late"]}, "alarms.0: must be a table, not 'late'"),
+        ("summary.json", {"samples_rejected": None}, "samples_rejected: should be a valid dictionary, not None"),
+        ("manifest.json", {"versions": ["0.1.0"]}, "versions: should be a valid dictionary, not ['0.1.0']"),
+        ("manifest.json", {"autopilot": "ArduCopter"}, "autopilot: must be a table, not 'ArduCopter'"),
+        ("manifest.json", {"voice": 1}, "voice: should be a valid string, not 1"),
+    ],
+)
+def test_a_value_of_another_type_as_of_an_editor_is_named_with_its_file(told, run, name, values, says):
+    path = run / name
+    path.write_text(json.dumps((json.loads(path.read_text()) if path.exists() else {}) | values))
+    for command in COMMANDS:
+        assert told(command).refused == f"{path}: {says}: correct it, or delete the file"
 
 
 @pytest.mark.parametrize("command", COMMANDS)

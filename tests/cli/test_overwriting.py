@@ -57,3 +57,11 @@ def test_two_flights_of_one_second_have_folders_of_their_own(circnav, mission, t
     for name in ("20260101-120000-small", "20260101-120000-small-2"):
         assert circnav("fly", mission).code == 3
         assert json.loads((tmp_path / "runs" / name / "summary.json").read_text())
+
+
+def test_a_folder_named_from_home_is_made_there(circnav, mission, tmp_path, monkeypatch):
+    """A shell expands no `~` in `--out=~/run`. A folder of that name would invite `rm -r ~`."""
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    assert circnav("fly", mission, "--out=~/run").code == 3
+    assert (tmp_path / "home" / "run" / "summary.json").exists()
+    assert not (tmp_path / "~").exists()

@@ -79,7 +79,7 @@ def plain(run, data=b""):
         (lambda run: without(run, "flight.tlog"), [], 2, "is not a run folder"),
         (lambda run: without(run, "turns.csv"), [], 2, "has no turns.csv"),
         (lambda run: without(run, "manifest.json"), [], 2, "epoch_us"),
-        (emptied, [], 3, "an empty run"),
+        (emptied, [], 3, "nothing to replay: flight.tlog or turns.csv is empty, or damaged"),
         (lambda run: run, ["--law", "spiral"], 2, "guidance.law: 'spiral' is not one of"),
         (lambda run: run, ["--estimator", "guess"], 2, "guidance.estimator: 'guess' is not"),
         (lambda run: run, ["--law", "smooth", "--set", "guidance.gain=1e-9"], 2, "refused by its checks, see FAIL"),

@@ -4,7 +4,8 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
-from math import cos, hypot, radians, sin
+from dataclasses import replace
+from math import cos, hypot, inf, nan, radians, sin
 from pathlib import Path
 from typing import Any
 
@@ -143,6 +144,35 @@ def test_a_law_of_ones_own_is_cut_to_the_limit_and_an_estimator_of_ones_own_is_a
     assert guidance.command(2.0).turn_rate == pytest.approx(0.07)
 
 
+NO_MEASUREMENT = (
+    *({"r": value} for value in (nan, inf, 0.0, -1.0)),
+    *({name: value} for name in ("stamp", "time") for value in (nan, inf)),
+    *({"sigma": value} for value in (nan, -1.0)),
+)
+
+
+@pytest.mark.parametrize("law", ["auto", "feedforward"])
+def test_a_sample_or_motion_that_is_no_measurement_is_refused_and_changes_no_command(law):
+    """NaN, an infinity, 0 and -1 are what radios and drivers report where nothing was measured."""
+    spoiled, whole, world = Guidance(ORBIT, law), Guidance(ORBIT, law), World(15.0)
+    for step in range(100):
+        sample = RangeSample(world.now, world.now, world.radius, 0.5)
+        own = OwnMotion(world.now, world.heading, world.turn_rate, world.V)
+        assert not spoiled.observe(sample._replace(**NO_MEASUREMENT[step % len(NO_MEASUREMENT)]))
+        assert not spoiled.move(own._replace(**{OwnMotion._fields[step % 4]: nan}))
+        for guidance in (spoiled, whole):
+            assert guidance.observe(sample._replace(r_dot=nan if guidance is spoiled and step % 2 else None))
+            assert guidance.move(own)
+        command = whole.command(world.now)
+        assert spoiled.command(world.now) == command
+        world.step(command.turn_rate if command else 0.0)
+
+
+def test_only_a_finite_turn_rate_is_commanded():
+    for turn in (nan, inf):
+        assert heard(Guidance(ORBIT, lambda estimate, turn=turn: turn)).command(2.0) is None
+
+
 @pytest.mark.parametrize("law", ["auto", "feedforward", "smooth", "switching", "pd"])
 def test_tune_gives_the_gain_of_a_mission(law):
     overrides = (f"guidance.law={law}", "vehicle.turn_lag_s=0.9", "ranging.sigma_m=2.0", "ranging.rate_hz=4.0")
@@ -159,9 +189,18 @@ def test_tune_gives_the_gain_of_a_mission(law):
         (lambda: tune(ORBIT, "magic"), "law 'magic' is not one of smooth"),
         (lambda: Guidance(ORBIT, estimator="magic"), "estimator 'magic' is not one of kalman"),
         (lambda: Guidance(ORBIT, LawChoice("smooth", 1e-6)), "must be above"),
+        (lambda: Guidance(replace(ORBIT, radius=0.0)), "orbit.radius: must be a finite number above 0, not 0"),
+        (lambda: Guidance(replace(ORBIT, speed=nan)), "orbit.speed: must be a finite number above 0, not nan"),
+        (lambda: Guidance(replace(ORBIT, max_turn_rate=-0.4)), "orbit.max_turn_rate: must be a finite number above 0"),
+        (lambda: Guidance(replace(ORBIT, max_turn_rate=20.0)), "orbit.max_turn_rate: 20 rad/s .* not deg/s"),
+        (lambda: Guidance(replace(ORBIT, direction="clockwise")), "orbit.direction: must be Direction.CLOCKWISE or"),
+        (lambda: Guidance(ORBIT, turn_lag=nan), "turn_lag: must be at least 0, not nan"),
+        (lambda: Guidance(ORBIT, stale=-1.0), "stale: must be at least 0, not -1"),
+        (lambda: tune(ORBIT, sigma=-1.0), "sigma: must be at least 0, not -1"),
+        (lambda: tune(ORBIT, rate=0.0), "rate: must be a finite number above 0, not 0"),
     ],
 )
-def test_what_does_not_exist_is_named(make, words):
+def test_what_does_not_exist_or_no_vehicle_has_is_named(make, words):
     with pytest.raises(ValueError, match=words):
         make()
 

@@ -208,8 +208,9 @@ def test_an_override_is_validated_like_the_file(text):
 
 @pytest.mark.parametrize(
     ("content", "says"),
-    [(None, "cannot be read: No such file or directory"), (b"\xff\xfe\x00name", "is not a text file in UTF-8"),
-     (b'name = "M\xfcnchen"', "is not a text file in UTF-8")],
+    [(None, "cannot be read: No such file or directory"),
+     (b"\xff\xfe\x00name", "is not a text file in UTF-8: save it as one"),
+     (b'name = "M\xfcnchen"', "is not a text file in UTF-8: save it as one")],
 )  # fmt: skip
 def test_a_file_that_cannot_be_read_is_named(tmp_path, content, says):
     if content is not None:
@@ -264,6 +265,15 @@ SPOILED = [
     ("speed_mps = 15.0", "speed_mps = -1.5", "m.toml: vehicle.speed_mps: must be above 0, not -1.5"),
     ("duration_s = 60.0", "duration_s = 60.0\ntick_hz = 4.0", "m.toml: limits.tick_hz: must be at least 5, not 4"),
     ("duration_s = 60.0", "duration_s = 60.0\nstale_s = 6.0", "m.toml: limits.stale_s: must be at most 5, not 6"),
+    # milliseconds, and a fraction of a battery
+    *(
+        ("duration_s = 60.0", f"duration_s = 60.0\n{key} = 10000", f"m.toml: limits.{key}: must be at most 3600, not")
+        for key in ("hold_s", "unfollowed_s")
+    ),
+    ("[vehicle]", "[vehicle]\nturn_lag_s = 400", "m.toml: vehicle.turn_lag_s: must be at most 10, not 400"),
+    ("[orbit]", "[bounds]\nmin_battery_percent = 0.2\n[orbit]", "m.toml: bounds.min_battery_percent: must be at least"),
+    ("[orbit]", "[engage]\nrequest_mode = 1\n[orbit]",
+     "m.toml: engage.request_mode: should be a valid boolean, not 1: write true or false"),
     ('direction = "clockwise"', 'direction = "left"', "m.toml: orbit.direction: 'left' is not one of 'clockwise' or"),
     ('law = "smooth"', 'law = "magic"', "m.toml: guidance.law: 'magic' is not one of 'smooth'"),
     ("max_turn_rate_deg_s = 20.0\n", "", "m.toml: vehicle.max_turn_rate_deg_s: missing, add it"),
@@ -311,6 +321,8 @@ CLASHES = [
     ("link.endpoint=sim", 'link.endpoint: is "sim", which needs a [sim] table describing the vehicle'),
     ("ranging.endpoint=sim",
      'ranging.endpoint: is "sim" but the vehicle is not the bundled one: --set ranging.endpoint=URL'),
+    ("ranging.endpoint=udpin:127.0.0.1:14550",
+     'ranging.endpoint: is "udpin:127.0.0.1:14550" as link.endpoint: leave it out where ranges come on that link'),
     ("bounds.min_range_m=300 bounds.max_range_m=200",
      "bounds.min_range_m: 300 is not below bounds.max_range_m = 200: lower it, or raise the other"),
     ("bounds.min_altitude_m=50 bounds.max_altitude_m=50",

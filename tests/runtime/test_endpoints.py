@@ -3,6 +3,7 @@
 import socket
 import sys
 from contextlib import closing
+from types import ModuleType
 
 import pytest
 
@@ -78,8 +79,10 @@ def test_a_serial_device_that_is_not_there_is_refused_and_one_without_the_packag
 ):
     pytest.importorskip("serial")
     assert refusal("serial:/dev/nothing-here:57600") == ("no such device", False)
-    monkeypatch.setitem(sys.modules, "serial", None)
-    assert refusal("serial:/dev/ttyUSB0:57600")[0] == "needs the package pyserial: pip install pyserial"
+    for module in (None, ModuleType("serial")):  # none, or another package of that name
+        monkeypatch.setitem(sys.modules, "serial", module)
+        line = "needs the package pyserial, not serial: pip install pyserial"
+        assert refusal("serial:/dev/ttyUSB0:57600")[0] == line
 
 
 @pytest.mark.parametrize("kind", ["udpin", "udpout", "tcp"])

@@ -30,8 +30,14 @@ def written(path: Path, data: bytes, mode: int = 0o600) -> Path:
 
 @pytest.mark.parametrize(
     "data",
-    [KEY, KEY.hex().encode(), KEY.hex().upper().encode() + b"\n", b" " + KEY.hex().encode() + b"\r\n"],
-    ids=["raw", "hex", "hex line", "hex with blanks"],
+    [
+        KEY,
+        KEY.hex().encode(),
+        KEY.hex().upper().encode() + b"\n",
+        b" " + KEY.hex().encode() + b"\r\n",
+        b"\xef\xbb\xbf" + KEY.hex().encode(),
+    ],
+    ids=["raw", "hex", "hex line", "hex with blanks", "hex of an editor on Windows"],
 )
 def test_a_key_is_32_bytes_or_64_hex_digits(path: Path, data: bytes) -> None:
     assert read_key(written(path, data)) == KEY

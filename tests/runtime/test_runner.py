@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.runtime.onlookers import Onlooker, Onlookers
-from circnav_mav.runtime.runner import StopRequest, listen, run
+from circnav_mav.runtime.runner import ENDING, StopRequest, listen, run
 
 
 def frame(number):
@@ -124,7 +124,7 @@ class FakeRecorder:
 
 @pytest.fixture
 def stop():
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.getsignal(number) for number in ENDING}
     yield StopRequest()
     for number, handler in before.items():
         signal.signal(number, handler)
@@ -159,7 +159,7 @@ def test_the_pilot_is_given_what_comes_in_with_its_source_and_link_and_what_it_s
     assert shown == [(1, 0.05), (0, 0.1)], "the newest tick, after every step"
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", ENDING)
 def test_signals_interrupt_the_pilot_once_and_let_it_say_goodbye(fly, number):
     pilot, vehicle = FakePilot(1000), FakeLink()
     for _ in range(2000):

@@ -1,16 +1,21 @@
 """Drivers of ranging radios: their interface, and the installed ones by name (entry points `circnav.ranging`)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from numbers import Integral, Real
-from typing import Protocol
+from typing import Any, Protocol
 
 MOST_BEACON = 65535
 """Largest id of a beacon: 16 bits, as RANGING_BEACON carries it."""
 GROUP = "circnav.ranging"
 TRANSPORTS = ("udp", "udpin", "udpout", "tcp", "tcpout", "serial", "sim")
 """How endpoints begin that a driver's name does not."""
+FAILURES = (Exception, SystemExit)
+"""What a driver may raise. One that ends a program of its own by sys.exit() must not end the flight without a safe
+setpoint."""
+ATTRIBUTES: dict[str, Any] = {"baud": int, "line_end": bytes, "unread": int, "receive": Callable, "ask": Callable}
+"""Attributes that a driver must have, with their types."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,13 +73,16 @@ def split_driver(endpoint: str) -> tuple[str | None, str]:
 
 
 def make_driver(name: str) -> Driver:
-    """A driver by its name. Raises DriverError."""
+    """Make a driver by its name. Raises DriverError."""
     others = {point.name: point for point in entry_points(group=GROUP)}
+    if name not in others:
+        known = ", ".join(sorted(others))
+        raise DriverError(f"no driver {name!r}; there are {known} (docs/radios.md describes how to add one)")
     try:
         made: Driver = others[name].load()()
-        return made
-    except KeyError:
-        known = ", ".join(sorted(others))
-        raise DriverError(f"no driver {name!r}; there are {known} (docs/radios.md tells how to add one)") from None
-    except Exception as error:  # whatever somebody else's package does
+        for attribute, kind in ATTRIBUTES.items():
+            if not isinstance(getattr(made, attribute, None), kind):
+                raise TypeError(f"its {attribute} is missing or not {kind.__name__}")
+    except FAILURES as error:  # of another package
         raise DriverError(f"driver {name!r} of {others[name].value} does not load: {error!r}") from None
+    return made

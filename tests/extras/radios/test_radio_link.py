@@ -1,7 +1,9 @@
 """A radio behind its driver: what becomes of its bytes on the way to the pilot."""
 
 import math
+import sys
 from collections import Counter
+from importlib.metadata import EntryPoint
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -116,6 +118,59 @@ def test_what_a_driver_gives_that_is_no_range_costs_no_flight_and_the_list_of_it
         radio.hears(str(number).encode())
     assert radio.link.troubles["driver odd failed in other ways"] == 999
     assert len("".join(radio.link.troubles)) < 1000
+
+
+def test_a_question_that_fails_leaves_no_byte_unread_and_a_driver_that_exits_ends_no_flight():
+    """Bytes that stay in the socket wake the loop at once: 26,000 steps a second were seen."""
+
+    class Exiting(Lines):
+        def read_line(self, line):
+            return sys.exit("no radio") if line == "gone" else super().read_line(line)
+
+        def ask(self, now):
+            raise OSError("no port")
+
+    radio = Radio("exiting", Exiting(), datagrams=True)
+    assert len(radio.hears(b"5.0")) == 1
+    assert len(radio.hears(b"gone", b"6.0")) == 1
+    assert dict(radio.link.troubles) == {
+        "driver exiting failed: OSError('no port')": 2, "driver exiting failed: SystemExit('no radio')": 1
+    }  # fmt: skip
+
+
+class Bare:
+    """A driver that lacks what the interface asks for."""
+
+    def receive(self, data, now):
+        return []
+
+
+class Exits(Bare):
+    def __init__(self):
+        sys.exit("no radio here")
+
+
+class KeyMissing(Bare):
+    def __init__(self):
+        raise KeyError("port")
+
+
+@pytest.mark.parametrize(
+    ("driver", "said"),
+    [
+        ("Bare", "TypeError('its baud is missing or not int')"),
+        ("Exits", "SystemExit('no radio here')"),
+        ("KeyMissing", "KeyError('port')"),
+        ("Absent", "has no attribute 'Absent'"),
+    ],
+)
+def test_a_driver_that_does_not_start_or_is_incomplete_is_one_line(monkeypatch, driver, said):
+    point = EntryPoint("mine", f"{__name__}:{driver}", "circnav.ranging")
+    monkeypatch.setattr("circnav_mav.mav.ranging.driver.entry_points", lambda group: [point])
+    with pytest.raises(LinkError) as refused:
+        open_radio("mine:udpin:127.0.0.1:0")
+    assert f"driver 'mine' of {__name__}:{driver} does not load: " in str(refused.value)
+    assert said in str(refused.value)
 
 
 def test_a_device_is_a_serial_line_at_the_speed_of_its_radio_and_one_that_cannot_be_opened_is_one_line():
