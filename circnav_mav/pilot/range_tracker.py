@@ -115,10 +115,10 @@ class RangeTracker:
         return True
 
     def _reference(self) -> RangeSample | None:
-        """Return the newest range that counted, with the median of the newest three; None unless the vehicle is steered.
+        """Return the newest range that counted, with the median of the newest three; None unless steering.
 
-        One of the three may be an outlier. After an outage the ranges from before it do not count: the vehicle has flown
-        on, and the first range after it would be compared with where the vehicle was.
+        One of the three may be an outlier. After an outage the ranges from before it do not count: the vehicle has
+        flown on, and the first range after it would be compared with where the vehicle was.
         """
         if not self.ranging.moving or self.newest is None:
             return None
