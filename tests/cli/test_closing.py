@@ -69,7 +69,7 @@ def test_what_draws_is_loaded_beside_the_bundled_vehicle_and_never_beside_a_real
 
 
 def test_of_a_flight_that_is_killed_nothing_goes_on_to_draw():
-    words = "from circnav_mav.cli.closing import *; import time; one = Drawing(Path('run')); "
+    words = "from circnav_mav.cli.drawing import *; import time; one = Drawing(Path('run')); "
     flight = python("-c", words + "print(one._process.pid, flush=True); time.sleep(900)")
     drawing = int(flight.stdout.readline())
     os.kill(drawing, 0)
