@@ -149,7 +149,7 @@ TABLE = (
     Condition(
         "holding",
         lambda p, now: (
-            p.mission.phase is Phase.HOLDING and (p.tracker.age(now), p.settings.timing.stale + p.settings.timing.hold)
+            p.mission.phase is Phase.HOLDING and (p.tracker.age(now), p.settings.timing.stale + p.mission.hold)
         ),
         short="range lost, holding", over="range regained", steering=True,
         long="RANGE STALE {found[0]:.1f} s: holding the circle's turn rate by {p.rates.newest.setpoints:.0f} setpoints "

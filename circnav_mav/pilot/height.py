@@ -83,6 +83,19 @@ class Height:
             return self._settings.above_target
         return self._base + (self._altitude - self._zero)
 
+    @property
+    def newest(self) -> float | None:
+        """The height by the newest altitude, m, whatever its age; None if unknown."""
+        return self.at(self._received_at)
+
+    def set(self, height: float, now: float) -> str:
+        """Use another height above the target from now on, m. Return why this is not possible, empty otherwise."""
+        if self._altitude is None or now - self._received_at > AIR_MAX_AGE:
+            return "no altitude (VFR_HUD.alt)"
+        self._settings = HeightSettings(above_target=height)
+        self._base, self._zero, self._doubt = height, self._altitude, None
+        return ""
+
     def why_unknown(self, now: float) -> str:
         """Return why the height that the mission needs is unknown, human-readable; empty if it is known."""
         if not self._settings.needs_altitude or self.at(now) is not None:

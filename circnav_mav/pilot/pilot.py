@@ -18,6 +18,7 @@ from circnav_mav.guidance.watches import DriftAlarm, breach, watch_drift
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import YawRate
 from circnav_mav.mav.identity import Allowance
+from circnav_mav.mav.parameter_server import REQUESTS, ParameterServer
 from circnav_mav.mav.session import LOST_AFTER, Session
 from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
 from circnav_mav.mav.signing import Signing
@@ -28,6 +29,7 @@ from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.controller import Controller
 from circnav_mav.pilot.mission_state import Ending, Event, MissionState, Outcome, Phase
 from circnav_mav.pilot.mode_request import ExitAction
+from circnav_mav.pilot.parameters import FlightParameters
 from circnav_mav.pilot.range_tracker import RangeTracker
 from circnav_mav.pilot.rates import RateMeter, Rates
 from circnav_mav.pilot.record import StepTaken, TickRecord, plot_values, tick_record
@@ -38,6 +40,8 @@ from circnav_mav.pilot.tick_scheduler import TickScheduler
 
 RECEIVES_AFTER = 3.0
 """Time, s, after the first answer in which a vehicle that was not reached gets back to what it is commanded."""
+
+UNSIGNED = "the link is not signed; to allow it: link.unsigned_parameters = true"
 
 
 class Pilot:
@@ -54,9 +58,14 @@ class Pilot:
         self._say = session.announcer.say
         self.tracker: RangeTracker = RangeTracker(settings, session)
         self.controller: Controller = Controller(settings)
-        self.mission: MissionState = MissionState()
+        self.mission: MissionState = MissionState(settings.timing.hold)
         self._authority = Authority(settings, session, self.mission)
         self._exit_action = ExitAction(settings.exit)
+        self.parameters = ParameterServer(
+            FlightParameters(self.controller, self.tracker.height, self._exit_action, session, self.mission).all()
+        )
+        """Values that a ground station may read and set."""
+        self._signed = signing is not None and VEHICLE not in settings.unsigned_links
         self.scheduler = TickScheduler(settings.timing.tick)
         self.status = StatusText(settings, self.connection, self.mission, self._authority, self.tracker)
         self.law: str = ""
@@ -86,6 +95,8 @@ class Pilot:
             if of_vehicle:
                 self.path.receive(message, now, steering=self.mission.steering, flies=self.flies)
                 self.second_controller.receive(message, now)
+            elif link == VEHICLE and message.get_msgId() in REQUESTS:
+                self._take_parameter_request(message, now, source)
             if of_ranging:
                 self._take_range(message, now, source)
         self._frames += self.connection.decoders[link].frames
@@ -113,6 +124,15 @@ class Pilot:
         trusted = link == VEHICLE and peer is not None and source == peer.source
         trusted |= link == self.connection.ranging_link and radio is not None and source == radio.source
         return unknown or trusted or self.allowance.take(size, now)
+
+    def _take_parameter_request(self, message: Message, now: float, source: Hashable) -> None:
+        """Answer a ground station. Its frames come by way of the vehicle; from elsewhere they are a stranger's."""
+        if source != self.session.reply_to:
+            return
+        refusal = "" if self._signed or self.settings.unsigned_parameters else UNSIGNED
+        refusal = "the flight is over" if self.mission.outcome is not None else refusal
+        if why := self.parameters.receive(message, self.session.us, refusal, now):
+            self._say("parameter", why, severity=MAV_SEVERITY_WARNING)
 
     def _take_range(self, message: Message, now: float, source: Hashable) -> None:
         mission, stalled = self.mission, self._authority.may_be_backlog(now)
@@ -324,6 +344,7 @@ class Pilot:
             return self.session.heartbeats_due(now) + plots
         if self.done:
             self.session.drop_mode_requests()
+        plots += self.parameters.replies()
         return self.session.poll(now) + plots + (self.session.farewell() if self.done else [])
 
     def hello(self, now: float) -> bytes:
