@@ -90,6 +90,10 @@ class Conditions:
             self._sent.pop(row.name, None)
 
 
+def _second_sender(name: str) -> Callable[["Pilot", float], object]:
+    return lambda p, now: [one for one in p.session.identity.rivals.recent(now) if one.startswith(name)]
+
+
 # fmt: off
 ENDED = Condition(
     "ended",
@@ -122,7 +126,7 @@ TABLE = (
     *(
         Condition(
             f"second_sender_{key}",
-            lambda p, now, name=name: [one for one in p.session.identity.rivals.recent(now) if one.startswith(name)],
+            _second_sender(name),
             short=f"{name}: second sender rejected", long="{found[0]}",
         )
         for key, name in (("vehicle", VEHICLE_NAME), ("companion", OUR_NAME), ("radio", RADIO_NAME))
