@@ -12,7 +12,7 @@ from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.step import LawChoice, Steering, compensate_turn_gain, limited
 from circnav_mav.guidance.tuning import LawTuning
-from circnav_mav.guidance.turn_response import TurnAnswer
+from circnav_mav.guidance.turn_answer import TurnAnswer
 from circnav_mav.guidance.types import (
     SAME_TIME,
     Direction,

@@ -13,8 +13,9 @@ from typing import Any
 from rich.console import Console
 
 from circnav_mav.cli.check import read_mission, refuse_failing
-from circnav_mav.cli.closing import Drawing, close_flight, write_manifest
+from circnav_mav.cli.closing import close_flight, write_manifest
 from circnav_mav.cli.connect import link_troubles, open_links, open_onlookers, open_signing, start_clock
+from circnav_mav.cli.drawing import Drawing
 from circnav_mav.cli.exits import Exit, Refused, in_one_line, outlive_terminal, refusing, say
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.foreign import read_text

@@ -12,15 +12,15 @@ from circnav_mav.cli.check import refuse_failing
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.foreign import printable
 from circnav_mav.mav.autopilots.interface import Autopilot
+from circnav_mav.mav.ranging import sources as range_sources
 from circnav_mav.mav.ranging.interface import describe_rejected
-from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import VEHICLE, OutputMode, Pilot, PilotSettings
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.report.plots import plot_replay
 from circnav_mav.runlog.atomic_write import atomic_write
-from circnav_mav.runlog.loop_steps import LogClock, LogSources, RangeSource, has_requests, recorded_steps, tlog_steps
+from circnav_mav.runlog.loop_steps import LogClock, LogSources, has_requests, recorded_steps, tlog_steps
 from circnav_mav.runlog.replay import (
     Replayed,
     as_flown_before,
@@ -241,11 +241,11 @@ def _say_who(sources: LogSources, adapter: Autopilot) -> None:
         kind = sources.vehicles.get(sources.vehicle, "unknown")
         say(f"  vehicle    system {system}, component {component}: {kind}, flown as {adapter.name}")
     ranging = sources.ranging
-    for source, counts in ranging.items():
+    for (message, source), counts in ranging.items():
         if counts.taken:
-            say(f"  ranging    {_name(source)}: {counts.taken} of {counts.messages} usable")
-    idle = ((counts.messages, source) for source, counts in ranging.items() if not counts.taken)
-    unused = (f"{_name(source)}: {count}" for count, source in sorted(idle, key=lambda each: -each[0]))
+            say(f"  ranging    {message.upper()} of {source}: {counts.taken} of {counts.messages} usable")
+    idle = sorted((key for key, counts in ranging.items() if not counts.taken), key=lambda key: -ranging[key].messages)
+    unused = (f"{message.upper()} of {source}: {ranging[message, source].messages}" for message, source in idle)
     others = (
         f"system {system}, component {component}: {kind}, {sources.heartbeats[system, component]} heartbeats"
         for (system, component), kind in sources.vehicles.items()
@@ -258,12 +258,6 @@ def _say_who(sources: LogSources, adapter: Autopilot) -> None:
         if said:
             say(f"  {title:<10} {'; '.join(said)}")
     if candidates := sources.candidates:
-        keys = " or ".join(sources.distinguishing_keys)
+        keys = " or ".join(range_sources.differences(candidates))
         done = "none is used beside another" if sources.ambiguous else "the first one received was used"
         say(f"  WARNING    {len(candidates)} sensors fit the mission, {done}: name yours with {keys}")
-
-
-def _name(source: RangeSource) -> str:
-    fields = RANGING_MESSAGES[source.message].marks
-    marks = ", ".join(f"{mark} {value}" for mark, value in zip(fields, source.marks, strict=True))
-    return f"{source.message.upper()} of {source.system}/{source.component} ({marks})"

@@ -25,7 +25,7 @@ def verdict(summary: dict[str, Any], folder: Path) -> str:
     lines.append(f"  setpoints  {summary['setpoints_sent']} sent")
     lines += summary.get("notes", ())
     if summary["clock_speed"] is not None:
-        lines.append(f"  WARNING    {CLOCK_SPEED.long.format(speed=summary['clock_speed'])}")
+        lines.append(f"  WARNING    {CLOCK_SPEED.long.format(found=summary['clock_speed'])}")
     if summary["recording_problem"]:
         lines.append(f"  WARNING    {summary['recording_problem']}")
     lines.append(f"  run folder {folder}")
@@ -79,7 +79,7 @@ def _turn(summary: dict[str, Any]) -> list[str]:
         changes = summary["law_changes"]
         lines.append(f"  vehicle    turn gain {gain:.2f}, turn delay {delay:.2f} s; law changes {changes}")
     if summary["turn_limit_cycle"] or (share is not None and share < 1):
-        lines.append(f"  WARNING    {LIMIT_CYCLE.long.format(share=100 * (1 if share is None else share))}")
+        lines.append(f"  WARNING    {LIMIT_CYCLE.long.format(found=100 * (1 if share is None else share))}")
     return lines
 
 

@@ -1,4 +1,4 @@
-"""Finds the lean beyond which a copter does not go, as `turn_response.BankLimit` finds a plane's bank.
+"""Finds the lean beyond which a copter does not go, as `bank_limit` finds a plane's bank.
 
 A copter leans against the air that it flies through: at V against a wind W it needs the lean for V + W. Where its
 autopilot allows less, its speed over the ground sags there, which no heading shows.

@@ -29,7 +29,7 @@ from circnav_mav.guidance.maths import (
     sin,
     where,
 )
-from circnav_mav.guidance.turn_response import Pending
+from circnav_mav.guidance.pending_turn import Pending
 from circnav_mav.guidance.types import SAME_TIME, Orbit, RangeEstimate, RelativeMotion, TurnCommand
 from circnav_mav.guidance.vector_field import drift, drift_gains, mirrored, mirrored_pair, orbit_turn_rate
 

@@ -2,19 +2,17 @@
 
 A dead time, then an answer of first order (a lag) or of second order (a frequency and a damping): the candidates span
 what real firmware showed (ArduPilot, PX4). The likely ones are found by least squares of the turned angle in short
-bins, with a prior about the mission's `turn_lag_s`; the gain is `turn_gain`. `TurnAnswer` holds them together.
+bins, with a prior about the mission's `turn_lag_s`; the gain is `turn_gain`. `turn_answer` holds them together.
 """
 
 from collections import deque
-from math import exp, inf, log, pi, remainder, sqrt
+from math import exp, inf, log, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from circnav_mav.guidance.maths import Array
-from circnav_mav.guidance.turn_gain import TurnGain, learn
-from circnav_mav.guidance.turn_monitor import BIN, TurnBin, TurnMonitor
-from circnav_mav.guidance.types import OwnMotion
+from circnav_mav.guidance.turn_monitor import BIN
 
 DEADS = np.arange(0.0, 1.01, 0.1)
 """Candidates of the dead time, s."""
@@ -67,63 +65,6 @@ class Response(NamedTuple):
     def delay(self) -> float:
         """All that lies between a command and the turn it asks for, s."""
         return self.dead + self.lag + self.link
-
-
-class Pending(NamedTuple):
-    """turn: commanded but not turned yet, rad. ahead: the time it takes, s. settles: how fast the vehicle's answer
-    does, 1/s. told_late: how much later than it is flown a turn is known, s. most: turn rate that the vehicle reaches,
-    rad/s."""
-
-    turn: Array
-    ahead: Array
-    settles: Array = 10.0
-    told_late: float = 0.0
-    most: Array = inf
-
-
-class PendingTurn:
-    """What is commanded but not turned yet: the commands of the dead time, and what the lag still holds back.
-
-    Commands (rad/s, what the vehicle is expected to turn at) are numbers, or arrays (B,) of flights that are commanded
-    together. With it the loop is closed on the heading that is already commanded, so that the delay that is modelled
-    leaves the loop (Smith, "Closer control of loops with dead time", 1957).
-    """
-
-    def __init__(self) -> None:
-        self._commands: deque[tuple[float, Array]] = deque()
-        self._rate: Array | None = None
-        self._at = 0.0
-
-    def command(self, time: float, rate: Array) -> None:
-        """From this time (s) on the vehicle is told to turn at this rate."""
-        self._commands.append((time, rate))
-
-    def reset(self) -> None:
-        """Nobody commands any more."""
-        self._commands.clear()
-        self._rate = None
-
-    def at(self, now: float, response: Response, turn_rate: Array) -> Pending:
-        """What is pending now; turn_rate: of the vehicle now, from which the model begins after a reset, rad/s."""
-        dead = response.dead + response.link
-        if not self._commands:
-            return Pending(0.0 * turn_rate, response.delay, response.settles)
-        if self._rate is None:
-            self._rate, self._at = turn_rate, self._commands[0][0] + dead
-        rate, at = self._rate, self._at
-        # before the first command it was turned by somebody else, who goes on for as long as we are not heard
-        turn = turn_rate * min(max(self._commands[0][0] - (now - dead), 0.0), dead)
-        ends = [*[time for time, _ in self._commands][1:], now]
-        for (begin, command), end in zip(self._commands, ends, strict=True):
-            arrived = min(end + dead, now)
-            if arrived > at:
-                rate = command + (rate - command) * exp(-(arrived - at) / max(response.lag, 1e-3))
-                at = arrived
-            turn = turn + command * max(end - max(begin, now - dead), 0.0)
-        while len(self._commands) > 1 and self._commands[1][0] + dead <= at:
-            self._commands.popleft()
-        self._rate, self._at = rate, at
-        return Pending(turn + response.lag * rate, response.delay, response.settles)
 
 
 Knowledge = tuple[tuple[Array, ...], tuple[Array, float, float, float] | None, Response]
@@ -305,192 +246,3 @@ class ResponseLearner:
         scale = float(np.exp(middle)) / (dead + lag)
         settles = float(1 / (of_answer @ (1 / RINGING)))
         self._known = Response(scale * dead, scale * lag, settles, learnt=True)
-
-
-TOLD_LATE = 0.2
-"""How much later than its bank a plane's nose turns, s, as seen on ArduPlane 4.6.3: the side-slip is known no sooner.
-With gains for the bank alone, LoRa-like ranges cost 2.7 instead of 1.9 m there."""
-SHORT = 0.95
-"""Share of the commanded turn, both smoothed over a second, below which a bank counts as cut: a limit that leaves more
-costs less than the lag between the two."""
-STANDS, STANDS_FOR = 0.03, 1.0
-"""A bank that is cut stands at its limit where it differs by less than this share from its mean over a second, for so
-long, s: one that rolls does not."""
-STOOD_LEAST, STOOD_MOST = 0.5, 20.0
-"""Time at the limit, s, by which it is told first, and over which it is averaged: 1 % of it is .3 m of radius."""
-SILENCE = 1.0
-"""Pause of the commands, s, after which vehicles do what they do without: brake, hover, loiter."""
-LONGEST_FELT = 1.0
-"""Most time, s, for which a bank counts from one report to the next."""
-DEAF_AFTER = 1.0
-"""Time of not turning as commanded, s, after which a vehicle counts as deaf: a reversed turn takes less."""
-OBEYS_AFTER = 2.0
-"""Time of turning as commanded, s, after which a deaf vehicle teaches again: the model of its answer has then forgotten
-the commands that it never received."""
-TAKEN_BACK = 4.0
-"""What was learnt in so many seconds before a vehicle counts as deaf is taken back: ArduPilot flies on by the last
-command for 3 s, which looks like obedience for as long as the commands do not change."""
-
-
-class BankLimit(NamedTuple):
-    """Recognises the bank beyond which a vehicle does not go, however much is commanded: its autopilot's limit is below
-    the mission's.
-
-    time, heading: of the newest report, s, rad. since: when it last did as commanded, or still rolled, s. short:
-    whether it banks less than commanded now. stood: for how long it was seen at its limit, s; banked, turned: by how
-    much the coordinated turn of its bank, and the nose, turned meanwhile, rad.
-    """
-
-    time: float = inf
-    heading: float = 0.0
-    since: float = inf
-    short: bool = False
-    stood: float = 0.0
-    banked: float = 0.0
-    turned: float = 0.0
-
-    @property
-    def bank(self) -> float:
-        """The turn that the limit asks for if it is coordinated, rad/s; inf while nothing is known."""
-        return self.banked / self.stood if self.stood >= STOOD_LEAST else inf
-
-    @property
-    def turn(self) -> float:
-        """Turn of the nose there, rad/s."""
-        return self.turned / self.stood if self.stood >= STOOD_LEAST else inf
-
-    def follow(self, own: OwnMotion, commanded: float, banked: float) -> "BankLimit":
-        """Take in a report beside the commanded turn and that of the bank, both smoothed over a second, rad/s."""
-        time, now, step = own.time, own.bank_turn or 0.0, own.time - self.time
-        short = abs(banked) < SHORT * abs(commanded)
-        stands = short and banked * commanded > 0 and abs(now - banked) < STANDS * abs(banked)
-        since = min(self.since, time) if stands else time
-        after = self._replace(time=time, heading=own.heading, since=since, short=short)
-        # commands are not cut to the limit, so a bank beyond it shows that it was found too low
-        if abs(banked) > (1 + STANDS) * self.bank:
-            return after._replace(stood=0.0, banked=0.0, turned=0.0)
-        if time - since < STANDS_FOR or not 0 < step <= LONGEST_FELT:
-            return after
-        kept = exp(-step / STOOD_MOST)
-        turned = abs(remainder(own.heading - self.heading, 2 * pi))
-        return after._replace(
-            stood=kept * self.stood + step, banked=kept * self.banked + abs(now) * step,
-            turned=kept * self.turned + turned,
-        )  # fmt: skip
-
-
-class TurnAnswer:
-    """What is known of how one vehicle answers in flight, and what it has not answered yet.
-
-    by_command: turn rate as it was commanded and as flown. by_bank: the same of the bank that it has; None before it
-    was commanded and told a bank. link: there and back, s. bank_limit: of its autopilot, as found in flight.
-    """
-
-    def __init__(self, lag: float, limit: float, *, gain: float | None = None, link: float = 0.0) -> None:
-        """lag: from a command to its turn before the flight has told, s. limit: of the commands, rad/s. gain: realised
-        over commanded turn rate; None: learnt."""
-        self._gain, self._limit, self.link = gain, limit, link
-        self.by_command = TurnGain(gain=gain or 1.0)
-        self.by_bank: TurnGain | None = None
-        self.bank_limit = BankLimit()
-        self._learner, self._pending = ResponseLearner(lag), PendingTurn()
-        self.monitor = TurnMonitor(limit)
-        self._bins = TurnBins(self._learner.candidates)
-        self._nose = 0.0
-        self._turned, self._felt_at = 0.0, inf
-        self._commanded: float | None = None
-        self._followed_at = self._deaf_at = -inf
-        self._lessons: deque[tuple[float, TurnGain, Knowledge]] = deque()
-        """What was known at times of the last seconds."""
-        self._commanded_at = -inf
-
-    @property
-    def gain(self) -> float:
-        """Realised over commanded turn rate, as used now."""
-        return self._gain or float((self.by_bank or self.by_command).gain)
-
-    @property
-    def most(self) -> float:
-        """Turn rate that the vehicle reaches, rad/s."""
-        return min(self._limit * self.gain, self.bank_limit.turn)
-
-    @property
-    def response(self) -> Response:
-        """Delay and lag, as used now."""
-        return self._learner.response(self.link)
-
-    def pending(self, now: float, turn_rate: Array) -> Pending:
-        """What is commanded but not turned yet; turn_rate: of the vehicle now, rad/s."""
-        late = 0.0 if self.by_bank is None else TOLD_LATE
-        return self._pending.at(now, self.response, turn_rate)._replace(told_late=late, most=self.most)
-
-    def command(self, now: float, rate: float) -> None:
-        """From this time (s) on the vehicle is told to turn at this rate, rad/s."""
-        if self._commanded is not None and now - self._commanded_at > SILENCE:
-            self.monitor.reset()
-        self._commanded, self._commanded_at, most = rate, now, self.bank_limit.bank
-        reached = min(max(rate, -most), most)
-        self._learner.command(now, reached)
-        self._pending.command(now, reached * self.gain)
-
-    def watch(self, nose: OwnMotion) -> None:
-        """Compare the turn of the nose, or the bank, with the commanded turn. nose: motion as the autopilot reports it,
-        not as the path through the air that is worked out from it."""
-        self._nose += remainder(nose.heading - self._nose, 2 * pi)
-        turned = self._nose if nose.bank_turn is None else self._turned
-        new, commanded = self._bins.take(nose.time, turned, self.link), self._commanded
-        if new is not None and commanded is not None:
-            begun = self._learner.candidates.begun
-            self.monitor.take(TurnBin(nose.time, new.predicted.ravel(), new.turned, commanded), begun)
-
-    def feel(self, own: OwnMotion) -> bool:
-        """Learn from the vehicle's heading, or bank; tells whether it was commanded."""
-        if own.bank_turn is None:
-            self._turned += remainder(own.heading - self._turned, 2 * pi)
-        else:
-            self._turned += own.bank_turn * min(max(own.time - self._felt_at, 0.0), LONGEST_FELT)
-            self._felt_at = own.time
-        if self._commanded is None:
-            return False
-        if own.time - self._deaf_at > OBEYS_AFTER:
-            self._learner.feel(own.time, self._turned, self.link)
-        else:
-            self._learner.skip()
-        if own.bank_turn is not None:
-            # of the bank it has, not of the commanded one: an autopilot with a lower bank limit turns no worse for it
-            before = self.by_bank or TurnGain()
-            self.by_bank = learn(before, lag=0.0, time=own.time, heading=own.heading, command=own.bank_turn)
-        # with the lag that the mission states, a copter that answers sooner seemed not to do as it was told
-        lag = self.response.delay
-        self.by_command = learn(self.by_command, lag=lag, time=own.time, heading=own.heading, command=self._commanded)
-        if self.by_bank is not None and own.bank_turn is not None:
-            commanded, banked = float(self.by_command.smooth_command), float(self.by_bank.smooth_command)
-            self.bank_limit = self.bank_limit.follow(own, commanded, banked)
-        self._watch_obedience(own.time)
-        return True
-
-    def _watch_obedience(self, now: float) -> None:
-        """Take back what a vehicle taught that soon proved to be deaf: over a dead uplink its turns are no answers."""
-        lessons, followed = self._lessons, bool(self.by_command.followed)
-        self._followed_at = now if followed or self._followed_at == -inf else self._followed_at
-        if now - self._followed_at > DEAF_AFTER:
-            if lessons:
-                _, gain, knowledge = lessons[0]
-                self.by_command = self.by_command._replace(gain=gain.gain, square=gain.square, product=gain.product)
-                self._learner.knowledge = knowledge
-                lessons.clear()
-            self._deaf_at = now
-        elif followed and now - self._deaf_at > OBEYS_AFTER and (not lessons or now - lessons[-1][0] >= 1.0):
-            lessons.append((now, self.by_command, self._learner.knowledge))
-            while now - lessons[0][0] > TAKEN_BACK + 1.0:
-                lessons.popleft()
-
-    def reset(self) -> None:
-        """The vehicle is not ours any more: what it does now is not our doing, and teaches nothing."""
-        self._commanded = None
-        self._followed_at = self._deaf_at = -inf
-        self._lessons.clear()
-        self._learner.reset()
-        self._bins.reset()
-        self.monitor.reset()
-        self._pending.reset()

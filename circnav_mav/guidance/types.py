@@ -152,6 +152,11 @@ class Orbit:
     speed: float
     max_turn_rate: float
 
+    @property
+    def label(self) -> str:
+        """Radius and direction, short enough for a STATUSTEXT."""
+        return f"{self.radius:g} m {self.direction.value}"
+
     def words(self, *then: float) -> str:
         """For people. then: radii of the circles flown after it, m."""
         radii = " then ".join(f"{radius:g} m" for radius in (self.radius, *then))

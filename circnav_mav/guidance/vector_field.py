@@ -28,7 +28,7 @@ from circnav_mav.guidance.maths import (
     where,
     wrap,
 )
-from circnav_mav.guidance.turn_response import Pending
+from circnav_mav.guidance.pending_turn import Pending
 
 STEP = 0.05
 """Half the interval of the central difference of the field along the path, s."""

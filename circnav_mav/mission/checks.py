@@ -8,7 +8,7 @@ from circnav_mav.extension import extensions, load
 from circnav_mav.guidance.circle_change import LAPS
 from circnav_mav.guidance.laws import LAWS, settling_time, tolerated_drift
 from circnav_mav.guidance.margin import DESIGN_DRIFT, drift_with_margin, radius_with_margin
-from circnav_mav.guidance.turn_response import TOLD_LATE
+from circnav_mav.guidance.turn_answer import TOLD_LATE
 from circnav_mav.guidance.watches import MOST_TRIM
 from circnav_mav.mav.autopilots.table import REFUSED, allowed
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check, graded

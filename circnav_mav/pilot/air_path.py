@@ -6,7 +6,7 @@ from circnav_mav.guidance.velocity_loop import CopterMotion
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.session import Session
 from circnav_mav.pilot.controller import Controller
-from circnav_mav.pilot.height import HEARD
+from circnav_mav.pilot.height import READ
 from circnav_mav.pilot.range_tracker import RangeTracker
 
 
@@ -29,8 +29,8 @@ class AirPath:
         adapter, motion, controller = self._session.adapter, self._session.motion, self._controller
         motion.keeps_heading = steering
         is_attitude = motion.receive(message, now)
-        if message.get_type() in HEARD:
-            self._tracker.height.hear(message, motion.at(now).altitude, now)
+        if message.get_type() in READ:
+            self._tracker.height.receive(message, motion.at(now).altitude, now)
         if not is_attitude:
             return
         own = nose = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)

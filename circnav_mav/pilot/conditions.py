@@ -1,10 +1,10 @@
 """The conditions of a flight that the operator has to know: one table for display, page, STATUSTEXT and verdict.
 
-`Conditions` evaluates the table after each step. The texts of alarms are `alarms`; texts for ground stations are sent
-once as a condition begins and once as it ends. Extras have rows of their own and report them by `Onlooker.alarms`.
+`Conditions` evaluates the table after each step. Texts for ground stations are sent once as a condition begins and once
+as it ends; `alarms` has the texts of now. Extras have rows of their own and report them by `Onlooker.alarms`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import atan, degrees, inf
 from typing import TYPE_CHECKING
@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 from pymavlink.dialects.v20.all import MAV_SEVERITY_NOTICE as NOTICE
 from pymavlink.dialects.v20.all import MAV_SEVERITY_WARNING as WARNING
 
-from circnav_mav.guidance.types import Orbit
 from circnav_mav.mav.frames import GRAVITY
 from circnav_mav.mav.identity import OUR_NAME, RADIO_NAME, VEHICLE_NAME
 from circnav_mav.pilot.authority import SILENT, unwatched
@@ -34,72 +33,64 @@ LOST = {
     "climb": "NO CLIMB from the vehicle: the pitch is not corrected by it",
 }
 """Alarms for reports that a steered vehicle does not send any more."""
-NOISE = "range noise {measured:.2g} m, expected {expected:.2g} m"
-
-Values = Mapping[str, object]
-"""The values in the texts of a condition, by name."""
+NOISE = "range noise {found[1]:.2g} m, expected {found[0]:.2g} m"
 
 
 @dataclass(frozen=True)
 class Condition:
-    """A row of the table.
+    """A row of the table. Texts are formats of `found`, what the condition was found by, and `p`, the pilot.
 
-    name: stable key, in summary.json too. active: function from pilot and time to the values of the texts, None while
-    the condition is not active. short: STATUSTEXT as it begins, at most 41 characters, empty for none. long: text of
-    the alarm on display, page and verdict, empty for a condition that is no alarm. over: STATUSTEXT as it ends. again:
-    name of a value whose change is sent, too. once: True to send the text once in a flight. steering: True if the
-    condition exists only while the vehicle is steered, and ends without a text when that ends.
+    name: stable key, in summary.json too. find: function from pilot and time to `found`, false if not active. short:
+    STATUSTEXT as it begins, at most 41 characters, empty for none. long: text of the alarm on display, page and
+    verdict, empty for a condition that is no alarm. over: STATUSTEXT as it ends. repeats: True to send `short` for each
+    change of `found`. once: True to send it once in a flight. steering: True if the condition exists only while the
+    vehicle is steered, and ends without a text when that ends.
     """
 
     name: str
-    active: Callable[["Pilot", float], Values | None] = lambda pilot, now: None
+    find: Callable[["Pilot", float], object] = lambda p, now: None
     short: str = ""
     long: str = ""
     over: str = ""
     severity: int = WARNING
-    again: str = ""
+    repeats: bool = False
     once: bool = False
     steering: bool = False
 
-    def alarm(self, **values: object) -> dict[str, str]:
-        """Return the alarm by its name."""
-        return {self.name: self.long.format(**values)}
+    def alarm(self, found: object) -> dict[str, str]:
+        """Return the alarm, by its name, of a condition that is found outside of the pilot."""
+        return {self.name: self.long.format(found=found)}
 
 
 class Conditions:
     """The active conditions of one flight, and their texts for ground stations."""
 
-    def __init__(self, say: Callable[..., None]) -> None:
-        """say: function of a kind, a text and a severity that sends the text."""
-        self._say = say
-        self._active: dict[str, Values] = {}
+    def __init__(self, pilot: "Pilot") -> None:
+        self._pilot, self._say = pilot, pilot.session.announcer.say
+        self._active: dict[str, object] = {}
         self._sent: dict[str, object] = {}
-        """The value of `again` with which each text was sent last."""
+        """The state of each condition whose text was sent."""
 
     @property
     def alarms(self) -> dict[str, str]:
         """The texts of the alarms, by name, the worst first."""
         rows = (row for row in TABLE if row.long and row.name in self._active)
-        return {row.name: row.long.format(**self._active[row.name]) for row in rows}
+        return {row.name: row.long.format(found=self._active[row.name], p=self._pilot) for row in rows}
 
-    def update(self, pilot: "Pilot", now: float) -> None:
+    def update(self, now: float) -> None:
         """Evaluate the table, and send the texts of what has begun or ended."""
+        pilot = self._pilot
         for row in TABLE:
             hidden = (row.steering and not pilot.mission.steering) or (pilot.done and row is not ENDED)
-            values = None if hidden else row.active(pilot, now)
-            if values is not None:
-                self._active[row.name] = values
-                self._send_news(row, values)
+            if not hidden and (found := row.find(pilot, now)):
+                self._active[row.name], news = found, found if row.repeats else True
+                if row.short and self._sent.get(row.name) != news:
+                    self._sent[row.name] = news
+                    self._say(row.name, row.short.format(found=found, p=pilot), severity=row.severity)
             elif row.name in self._active:
                 self.forget(row)
                 if row.over and not hidden:
                     self._say(row.name, row.over, severity=NOTICE)
-
-    def _send_news(self, row: Condition, values: Values) -> None:
-        news = values.get(row.again, True)
-        if row.short and self._sent.get(row.name) != news:
-            self._sent[row.name] = news
-            self._say(row.name, row.short.format(**values), severity=row.severity)
 
     def forget(self, row: Condition) -> None:
         """Forget that a condition was active: no text is sent for its end."""
@@ -108,253 +99,194 @@ class Conditions:
             self._sent.pop(row.name, None)
 
 
-def circle(orbit: Orbit) -> str:
-    """Describe a circle, short enough for a STATUSTEXT."""
-    return f"{orbit.radius:g} m {orbit.direction.value}"
+def _second_sender(name: str) -> Callable[["Pilot", float], object]:
+    return lambda p, now: [one for one in p.session.identity.rivals.recent(now) if one.startswith(name)]
 
-
-# --- conditions that need more than one expression -------------------------------------------------------------------
-
-
-def _second_sender(name: str) -> Callable[["Pilot", float], Values | None]:
-    def active(pilot: "Pilot", now: float) -> Values | None:
-        lines = pilot.session.identity.rivals.recent(now)
-        return next(({"line": line} for line in lines if line.startswith(f"{name} has ")), None)
-
-    return active
-
-
-def _ended(pilot: "Pilot", now: float) -> Values | None:
-    outcome = pilot.mission.outcome
-    if outcome is None or outcome.ending is Ending.COMPLETED:
-        return None
-    return {"ending": outcome.ending.value.upper(), "reason": outcome.reason}
-
-
-def _range_stale(pilot: "Pilot", now: float) -> Values | None:
-    age = pilot.tracker.age(now)
-    stale = age is not None and age > pilot.settings.timing.stale and pilot.mission.phase is not Phase.HOLDING
-    return {"age": age} if stale else None
-
-
-def _holding(pilot: "Pilot", now: float) -> Values | None:
-    if pilot.mission.phase is not Phase.HOLDING:
-        return None
-    timing, rates = pilot.settings.timing, pilot.rates.whole
-    flow = "" if rates is None else f" by {rates.setpoints:.0f} setpoints per second"
-    return {"age": pilot.tracker.age(now) or 0.0, "flow": flow, "ends": timing.stale + pilot.mission.hold}
-
-
-def _lean_limit(pilot: "Pilot", now: float) -> Values | None:
-    lean = pilot.controller.lean
-    if lean.share >= 1:
-        return None
-    angle = degrees(atan(lean.found / GRAVITY))
-    return {"angle": angle, "wanted": pilot.settings.orbit.speed, "speed": pilot.controller.speed, "share": lean.share}
-
-
-def _bank_limit(pilot: "Pilot", now: float) -> Values | None:
-    limit, own = pilot.controller.bank_limit, pilot.own
-    return None if limit is None or own is None else {"bank": degrees(atan(limit * own.airspeed / GRAVITY))}
-
-
-def _unwatched(pilot: "Pilot", now: float) -> Values | None:
-    why = unwatched(pilot.settings, pilot.session, now)
-    return {"missing": why.partition(":")[0], "why": why} if why else None
-
-
-def _most_rejected(pilot: "Pilot", now: float) -> Values | None:
-    rates = pilot.rates.whole
-    if rates is None or rates.refused <= MOST_REJECTED * (rates.taken + rates.refused):
-        return None
-    # A link that brings every range three times has most of them rejected, and loses none.
-    if rates.taken >= MOST_REJECTED * pilot.settings.ranging.rate_hz:
-        return None
-    return {"rejected": rates.refused, "all": rates.taken + rates.refused}
-
-
-def _uplink_silent(pilot: "Pilot", now: float) -> Values | None:
-    silent = pilot.session.timesync.silent(now, UPLINK_SILENT) and pilot.session.heartbeat_age(now) <= SILENT
-    return {} if silent else None
-
-
-def _link_too_slow(pilot: "Pilot", now: float) -> Values | None:
-    age = pilot.tracker.one_way
-    return {"age": age, "trip": 2 * age} if pilot.mission.begun and age > pilot.settings.timing.stale else None
-
-
-def _lost(name: str) -> Callable[["Pilot", float], Values | None]:
-    return lambda pilot, now: {} if name in pilot.lost_reports else None
-
-
-def _heading_jumped(pilot: "Pilot", now: float) -> Values | None:
-    jump = round(degrees(pilot.session.motion.jumped))
-    return {"jump": jump} if jump else None
-
-
-def _few_setpoints(pilot: "Pilot", now: float) -> Values | None:
-    rates, wanted = pilot.rates.while_steering, 1 / pilot.settings.timing.tick
-    if rates is None or not pilot.flies or rates.setpoints >= FEW_SETPOINTS * wanted:
-        return None
-    return {"sent": rates.setpoints, "wanted": wanted}
-
-
-def _range_sources(pilot: "Pilot", now: float) -> Values | None:
-    ranging = pilot.tracker.ranging
-    choice = "" if ranging.sender_stays else ranging.sources.short_choice(now)
-    return {"choice": choice} if choice else None
-
-
-def _next_circle(pilot: "Pilot", now: float) -> Values | None:
-    orbit = pilot.controller.orbit
-    return None if orbit is pilot.settings.orbit else {"orbit": id(orbit), "circle": circle(orbit)}
-
-
-def _noise(found: tuple[float, float] | None) -> Values | None:
-    return None if found is None else {"expected": found[0], "measured": found[1]}
-
-
-# --- the table --------------------------------------------------------------------------------------
 
 # fmt: off
-ENDED = Condition("ended", _ended, long="{ending}: {reason}")
+ENDED = Condition(
+    "ended",
+    lambda p, now: (
+        (end := p.mission.outcome) and end.ending is not Ending.COMPLETED and (end.ending.value.upper(), end.reason)
+    ),
+    long="{found[0]}: {found[1]}",
+)
 NOT_FOLLOWING = Condition(
-    "not_following", lambda p, now: None if p.controller.turns.follows else {"ends": p.settings.timing.unfollowed},
-    short="vehicle does not follow turn commands", over="vehicle follows turn commands again", steering=True,
-    long="VEHICLE DOES NOT FOLLOW turn commands: ends after {ends:g} s",
+    "not_following", lambda p, now: not p.controller.turns.follows, steering=True,
+    short="vehicle does not follow turn commands", over="vehicle follows turn commands again",
+    long="VEHICLE DOES NOT FOLLOW turn commands: ends after {p.settings.timing.unfollowed:g} s",
 )
 LIMIT_CYCLE = Condition(
-    "limit_cycle", lambda p, now: {"share": 100 * turns.share} if (turns := p.controller.turns).share < 1 else None,
-    short="limit cycle, gains reduced to {share:.0f} %", again="share",
-    long="LIMIT CYCLE: the turn command oscillates, gains reduced to {share:.0f} %",
+    "limit_cycle", lambda p, now: (share := p.controller.turns.share) < 1 and 100 * share,
+    short="limit cycle, gains reduced to {found:.0f} %", repeats=True,
+    long="LIMIT CYCLE: the turn command oscillates, gains at {found:.0f} %",
 )
 CLOCK_SPEED = Condition(
-    "clock_speed", lambda p, now: None if (speed := p.session.clock_speed.found) is None else {"speed": speed},
-    short="autopilot clock at {speed:.2g} times our speed", over="autopilot clock at our speed",
-    long='CLOCK: autopilot time runs {speed:.2g} times as fast as ours: for a simulator set link.clock = "autopilot"',
+    "clock_speed", lambda p, now: (speed := p.session.clock_speed.found) is not None and max(speed, 1e-3),
+    short="autopilot clock at {found:.2g} times our speed", over="autopilot clock at our speed",
+    long='CLOCK: autopilot time runs {found:.2g} times as fast as ours: for a simulator set link.clock = "autopilot"',
 )
-NOT_RECORDING = Condition("not_recording", long="NOT RECORDING: {problem}")
-"""Raised beside the pilot by the recorder: a replay does not have its disk."""
-EXTRA_STOPPED = Condition("extra_stopped", long="{problem}")
-"""Raised for onlookers that have failed."""
+NOT_RECORDING = Condition("not_recording", long="NOT RECORDING: {found}")
+"""Found by the recorder: a replay does not have its disk."""
+EXTRA_STOPPED = Condition("extra_stopped", long="{found}")
+"""Found by `Onlookers`."""
 
 TABLE = (
     *(
-        Condition(f"second_sender_{key}", _second_sender(name), f"{name}: second sender rejected", "{line}")
+        Condition(
+            f"second_sender_{key}",
+            _second_sender(name),
+            short=f"{name}: second sender rejected", long="{found[0]}",
+        )
         for key, name in (("vehicle", VEHICLE_NAME), ("companion", OUR_NAME), ("radio", RADIO_NAME))
     ),
     Condition(
-        "flood", lambda p, now: {"size": p.allowance.dropped / 1000} if p.allowance.flooded(now) else None,
+        "flood", lambda p, now: p.allowance.flooded(now) and p.allowance.dropped / 1000,
         short="network flood: unknown senders ignored", over="network flood over",
-        long="FLOOD: unknown senders are ignored, {size:.0f} kB so far",
+        long="FLOOD: unknown senders are ignored, {found:.0f} kB so far",
     ),
     Condition(
-        "second_controller", lambda p, now: {"shows": words} if (words := p.second_controller.evidence(now)) else None,
+        "second_controller", lambda p, now: p.second_controller.evidence(now),
         short="another program steers, too", over="another program no longer steers",
-        long="SECOND CONTROLLER: {shows}: stop the other program",
+        long="SECOND CONTROLLER: {found}: stop the other program",
     ),
     ENDED,
     Condition(
-        "yielded", lambda p, now: {"mode": p.session.vehicle.mode_name} if p.mission.phase is Phase.YIELDED else None,
-        long="OPERATOR HAS THE VEHICLE, mode {mode}",
+        "yielded", lambda p, now: p.mission.phase is Phase.YIELDED,
+        long="OPERATOR HAS THE VEHICLE, mode {p.session.vehicle.mode_name}",
     ),
     Condition(
-        "link_silent", lambda p, now: {"age": age} if SILENT < (age := p.session.heartbeat_age(now)) < inf else None,
-        short="link silent", over="link restored", long="LINK SILENT for {age:.1f} s",
+        "link_silent", lambda p, now: SILENT < (age := p.session.heartbeat_age(now)) < inf and age,
+        short="link silent", over="link restored", long="LINK SILENT for {found:.1f} s",
     ),
     Condition(
-        "uplink_silent", _uplink_silent, steering=True,
-        long="UPLINK SILENT: the vehicle answers nothing (TIMESYNC), it may not receive setpoints",
+        "uplink_silent",
+        lambda p, now: p.session.timesync.silent(now, UPLINK_SILENT) and p.session.heartbeat_age(now) <= SILENT,
+        long="UPLINK SILENT: the vehicle answers nothing (TIMESYNC), it may not receive setpoints", steering=True,
     ),
     Condition(
-        "link_too_slow", _link_too_slow,
-        long="LINK TOO SLOW: round trip {trip:.1f} s, ranges may be {age:.1f} s old and are rejected",
+        "link_too_slow",
+        lambda p, now: p.mission.begun and (age := p.tracker.one_way) > p.settings.timing.stale and (2 * age, age),
+        long="LINK TOO SLOW: round trip {found[0]:.1f} s, ranges may be {found[1]:.1f} s old and are rejected",
     ),
     Condition(
-        "holding", _holding, short="range lost, holding", over="range regained", steering=True,
-        long="RANGE STALE {age:.1f} s: holding the circle's turn rate{flow}, ends at {ends:g} s",
+        "holding",
+        lambda p, now: (
+            p.mission.phase is Phase.HOLDING and (p.tracker.age(now), p.settings.timing.stale + p.mission.hold)
+        ),
+        short="range lost, holding", over="range regained", steering=True,
+        long="RANGE STALE {found[0]:.1f} s: holding the circle's turn rate by {p.rates.newest.setpoints:.0f} setpoints "
+        "per second, ends at {found[1]:g} s",
     ),
-    Condition("range_stale", _range_stale, long="RANGE STALE {age:.1f} s"),
     Condition(
-        "range_frozen", lambda p, now: {"time": time} if (time := p.tracker.noise.repeated) else None,
+        "range_stale",
+        lambda p, now: (
+            p.mission.phase is not Phase.HOLDING
+            and (age := p.tracker.age(now) or 0.0) > p.settings.timing.stale and age
+        ),
+        long="RANGE STALE {found:.1f} s",
+    ),
+    Condition(
+        "range_frozen", lambda p, now: p.tracker.noise.repeated,
         short="range frozen, rejected", over="range accepted again",
-        long="RANGE FROZEN: the same number for {time:.0f} s, ranges are rejected until it changes",
+        long="RANGE FROZEN: the same number for {found:.0f} s, ranges are rejected until it changes",
     ),
     Condition(
-        "range_jumped", lambda p, now: {"jump": jump} if (jump := p.tracker.jumps.found) else None,
+        "range_jumped", lambda p, now: p.tracker.jumps.found,
         short="range jumped, rejected", over="range is back where it was", steering=True,
-        long="RANGE JUMPED by {jump:+.0f} m, farther than the vehicle can fly: ranges are rejected",
+        long="RANGE JUMPED by {found:+.0f} m, farther than the vehicle can fly: ranges are rejected",
     ),
     Condition(
-        "range_rate_dropped", lambda p, now: {"why": why} if (why := p.tracker.rates.trouble) else None,
-        short="range rate wrong, dropped", over="range rate used again", long="RANGE RATE DROPPED: {why}",
+        "range_rate_dropped", lambda p, now: p.tracker.rates.trouble,
+        short="range rate wrong, dropped", over="range rate used again", long="RANGE RATE DROPPED: {found}",
     ),
     NOT_FOLLOWING,
     LIMIT_CYCLE,
     Condition(
-        "lean_limit", _lean_limit, short="leans {angle:.0f} deg at most, speed {speed:.1f} m/s", again="share",
-        long="LEAN LIMIT: the copter leans {angle:.0f} deg at most, too little for {wanted:g} m/s in this wind: "
-        "speed {speed:.1f} m/s",
+        "lean_limit",
+        lambda p, now: (lean := p.controller.lean).share < 1 and (lean.share, degrees(atan(lean.found / GRAVITY))),
+        short="leans {found[1]:.0f} deg at most, speed {p.controller.speed:.1f} m/s", repeats=True,
+        long="LEAN LIMIT: the copter leans {found[1]:.0f} deg at most, too little for {p.settings.orbit.speed:g} m/s "
+        "in this wind: speed {p.controller.speed:.1f} m/s",
     ),
     Condition(
-        "drift_too_strong", lambda p, now: p.drift_alarm._asdict() if p.drift_alarm.on else None,
-        short="drift {drift:.1f} m/s, this circle allows {allowed:.1f}", over="drift within the limit of this circle",
-        long="DRIFT TOO STRONG: drift {drift:.1f} m/s, this circle allows {allowed:.1f}",
+        "drift_too_strong", lambda p, now: p.drift_alarm.on and p.drift_alarm,
+        short="drift {found.drift:.1f} m/s, this circle allows {found.allowed:.1f}", over="drift allowed again",
+        long="DRIFT TOO STRONG: drift {found.drift:.1f} m/s, this circle allows {found.allowed:.1f}",
     ),
     Condition(
-        "bound_not_watched", _unwatched, short="{missing}", over="bounds watched again", again="why", steering=True,
-        long="BOUND NOT WATCHED: {why}",
+        "bound_not_watched", lambda p, now: (why := unwatched(p.settings, p.session, now)) and why.split(": "),
+        short="{found[0]}", over="bounds watched again", steering=True, repeats=True,
+        long="BOUND NOT WATCHED: {found[0]}: {found[1]}",
     ),
     Condition(
-        "most_ranges_rejected", _most_rejected, long="MOST RANGES REJECTED: {rejected:.1f} of {all:.1f} per second",
+        "most_ranges_rejected",
+        # A link that brings every range three times has most of them rejected, and loses none.
+        lambda p, now: (
+            (one := p.rates.whole) and one.refused > MOST_REJECTED * one.ranges
+            and one.taken < MOST_REJECTED * p.settings.ranging.rate_hz and one
+        ),
+        long="MOST RANGES REJECTED: {found.refused:.1f} of {found.ranges:.1f} per second",
     ),
     Condition(
-        "sensor_clock_stepped", lambda p, now: {} if p.tracker.ranging.clock.doubted else None,
+        "sensor_clock_stepped", lambda p, now: p.tracker.ranging.clock.doubted,
         short="sensor clock stepped", over="sensor clock runs steadily again",
         long="SENSOR CLOCK stepped: ranges are rejected until it runs steadily again",
     ),
     CLOCK_SPEED,
     *(
         Condition(
-            f"no_{name}", _lost(name), short=f"no {name}", over=f"{name} received again", steering=True,
-            long=long,
+            f"no_{name}", lambda p, now, name=name: name in p.lost_reports, steering=True,
+            short=f"no {name}", over=f"{name} received again", long=long,
         )
         for name, long in LOST.items()
     ),
     Condition(
-        "heading_jumped", _heading_jumped, short="heading jumped by {jump:+d} deg", over="heading jumped back",
-        again="jump", long="HEADING JUMPED by {jump:+d} deg, not counted as a turn: check the compass",
+        "heading_jumped", lambda p, now: round(degrees(p.session.motion.jumped)), repeats=True,
+        short="heading jumped by {found:+d} deg", over="heading jumped back",
+        long="HEADING JUMPED by {found:+d} deg, not counted as a turn: check the compass",
     ),
     Condition(
-        "altitude_lost", lambda p, now: None if (m := p.tracker.height.held(now)) is None else {"height": m},
+        "altitude_lost", lambda p, now: p.tracker.height.is_held(now) and [p.tracker.height.at(now)],
         short="altitude not received", over="altitude received again",
-        long="ALTITUDE NOT RECEIVED: height above the target held at {height:.1f} m",
+        long="ALTITUDE NOT RECEIVED: height above the target held at {found[0]:.1f} m",
     ),
     Condition(
-        "altitude_jumped", lambda p, now: {"jump": jump} if (jump := p.tracker.height.jump) else None,
-        short="altitude jumped by {jump:+.1f} m", over="altitude jumped back", again="jump",
-        long="ALTITUDE JUMPED by {jump:+.1f} m, not counted as height: compare the radius with the map",
+        "altitude_jumped", lambda p, now: p.tracker.height.jump, repeats=True,
+        short="altitude jumped by {found:+.1f} m", over="altitude jumped back",
+        long="ALTITUDE JUMPED by {found:+.1f} m, not counted as height: compare the radius with the map",
     ),
     Condition(
-        "few_setpoints", _few_setpoints,
-        long="FEW SETPOINTS: {sent:.1f} of {wanted:.0f} per second are sent: the computer is overloaded, stop other "
-        "programs or lower limits.tick_hz",
+        "few_setpoints",
+        lambda p, now: (
+            p.flies and (rates := p.rates.while_steering)
+            and rates.setpoints < FEW_SETPOINTS * (wanted := 1 / p.settings.timing.tick) and (rates.setpoints, wanted)
+        ),
+        long="FEW SETPOINTS: {found[0]:.1f} of {found[1]:.0f} per second are sent: the computer is overloaded, stop "
+        "other programs or lower limits.tick_hz",
     ),
-    # --- no alarms: only sent to ground stations
-    Condition("range_noise", lambda p, now: _noise(p.tracker.noise.found), NOISE, severity=NOTICE),
-    Condition("low_range_noise", lambda p, now: _noise(p.tracker.noise.lowered), NOISE, severity=NOTICE),
-    Condition("range_sources", _range_sources, "{choice}", over="one range source", again="choice", severity=NOTICE),
+    # no alarms: only sent to ground stations
+    Condition("range_noise", lambda p, now: p.tracker.noise.found, NOISE, severity=NOTICE),
+    Condition("low_range_noise", lambda p, now: p.tracker.noise.lowered, NOISE, severity=NOTICE),
     Condition(
-        "airspeed_implausible",
-        lambda p, now: None if (speed := p.path.implausible_airspeed) is None else {"speed": speed},
-        short="airspeed {speed:.1f} m/s implausible, ignored", once=True, steering=True, severity=NOTICE,
+        "range_sources",
+        lambda p, now: not p.tracker.ranging.sender_stays and p.tracker.ranging.sources.short_choice(now),
+        short="{found}", over="one range source", repeats=True, severity=NOTICE,
     ),
-    Condition("bank_limit", _bank_limit, "vehicle banks {bank:.0f} deg at most", once=True, severity=NOTICE),
-    Condition("next_circle", _next_circle, "next circle, {circle}", again="orbit", severity=NOTICE),
     Condition(
-        "law", lambda p, now: {"law": p.law, "why": p.why} if p.law and p.flies else None,
-        short="{why}", again="law", severity=NOTICE,
+        "airspeed_implausible", lambda p, now: (speed := p.path.implausible_airspeed) is not None and [speed],
+        short="airspeed {found[0]:.1f} m/s implausible, ignored", once=True, steering=True, severity=NOTICE,
     ),
+    Condition(
+        "bank_limit",
+        lambda p, now: (limit := p.controller.bank_limit) and p.own and degrees(atan(limit * p.own.airspeed / GRAVITY)),
+        short="vehicle banks {found:.0f} deg at most", once=True, severity=NOTICE,
+    ),
+    Condition(
+        "next_circle", lambda p, now: p.controller.orbit is not p.settings.orbit and id(p.controller.orbit),
+        short="next circle, {p.controller.orbit.label}", repeats=True, severity=NOTICE,
+    ),
+    Condition("law", lambda p, now: p.flies and p.law, "{p.why}", repeats=True, severity=NOTICE),
 )
 """All conditions that a pilot finds by itself, the worst first."""
 # fmt: on

@@ -7,7 +7,8 @@ from circnav_mav.guidance.circle_change import MIN_INTERVAL, NEAR, SPEED_SHARE, 
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.lean_limit import LeanLimit
 from circnav_mav.guidance.step import Flies, Steering, compensate_turn_gain, holding
-from circnav_mav.guidance.turn_response import Response, TurnAnswer
+from circnav_mav.guidance.turn_answer import TurnAnswer
+from circnav_mav.guidance.turn_response import Response
 from circnav_mav.guidance.types import SAME_TIME, OwnMotion, RangeEstimate, TurnCommand
 from circnav_mav.guidance.watches import next_trim
 from circnav_mav.mav.autopilots.interface import Addressee

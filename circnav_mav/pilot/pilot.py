@@ -24,7 +24,7 @@ from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
 from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.air_path import AirPath
 from circnav_mav.pilot.authority import SILENT, TAKEN_OVER, Allowed, Authority
-from circnav_mav.pilot.conditions import NOT_FOLLOWING, Conditions, circle
+from circnav_mav.pilot.conditions import NOT_FOLLOWING, Conditions
 from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.controller import Controller
 from circnav_mav.pilot.mission_state import Ending, Event, MissionState, Outcome, Phase
@@ -58,7 +58,6 @@ class Pilot:
         self.session: Session = self.connection.session
         session = self.session
         self._say = session.announcer.say
-        self.conditions = Conditions(session.announcer.say)
         self.tracker: RangeTracker = RangeTracker(settings, session)
         self.controller: Controller = Controller(settings)
         self.mission: MissionState = MissionState(settings.timing.hold)
@@ -90,6 +89,7 @@ class Pilot:
         """The newest step, until all is said that follows it."""
         self._frames: list[bytes] = []
         self.path: AirPath = AirPath(session, self.tracker, self.controller)
+        self.conditions = Conditions(self)
 
     # --- in: every message that arrives -----------------------------------------------------------------------------
 
@@ -287,7 +287,7 @@ class Pilot:
         if self.flies:  # a dry run may begin on the ground, far from the height that is told
             self.tracker.height.engage()
         self.session.drop_mode_requests()
-        self._say("engage", f"{'engaged' if self.flies else 'dry run'}, {circle(self.controller.orbit)}")
+        self._say("engage", f"{'engaged' if self.flies else 'dry run'}, {self.controller.orbit.label}")
 
     def _finish(self, outcome: Outcome, now: float) -> None:
         if self.mission.finish(outcome, now, ours=self._authority.may_be_ours(now)):
@@ -370,7 +370,7 @@ class Pilot:
         frames = self.connection.counts[VEHICLE].frames
         counts = Rates(frames, tracker.accepted, tracker.ranging.unexplained, self.setpoints_sent)
         self.rates.take(now, counts, steering=self.mission.steering)
-        self.conditions.update(self, now)
+        self.conditions.update(now)
 
     # --- what is known of it ----------------------------------------------------------------------------------------
 

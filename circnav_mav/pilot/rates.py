@@ -16,6 +16,11 @@ class Rates(NamedTuple):
     refused: float
     setpoints: float
 
+    @property
+    def ranges(self) -> float:
+        """Ranges taken or rejected, per second."""
+        return self.taken + self.refused
+
 
 class RateMeter:
     """Turns counts into rates.

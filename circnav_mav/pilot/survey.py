@@ -151,7 +151,7 @@ class Survey:
         """One message of the pinned vehicle, after the session had it."""
         session, type_ = self.session, message.get_type()
         session.motion.receive(message, now)
-        self.height.hear(message, session.motion.at(now).altitude, now)
+        self.height.receive(message, session.motion.at(now).altitude, now)
         if type_ == "HEARTBEAT":
             self.kind = describe_vehicle(message)
         elif type_ == "VFR_HUD":

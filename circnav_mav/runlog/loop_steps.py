@@ -17,8 +17,8 @@ from circnav_mav.mav.framing import V2, as_version_2
 from circnav_mav.mav.identity import describe_vehicle
 from circnav_mav.mav.ranging.interface import RangingSettings, Reject
 from circnav_mav.mav.ranging.reader import RangeReader
+from circnav_mav.mav.ranging.sources import RangeSource
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
-from circnav_mav.mav.statustext import plain_text
 from circnav_mav.pilot import Pilot
 from circnav_mav.pilot.loop_step import HELD_BACK, LoopStep, requests_from
 from circnav_mav.runlog.tlog import message_id, read_tlog, read_unbroken
@@ -147,16 +147,6 @@ _OF_ANOTHER = (Reject.WRONG_SOURCE.value, Reject.OTHER_SENSOR.value, Reject.AMBI
 """Reasons for which a range that fits the mission is ignored beside another source."""
 
 
-@dataclass(frozen=True, slots=True)
-class RangeSource:
-    """A source of ranges. message: the mission's name of it. marks: the values of its message's marks."""
-
-    message: str
-    system: int
-    component: int
-    marks: tuple[str, ...]
-
-
 @dataclass(slots=True)
 class RangeCounts:
     """What became of the ranges of one source. ignored: those that fit the mission but came beside another source's."""
@@ -169,13 +159,14 @@ class RangeCounts:
 @dataclass(slots=True)
 class LogSources:
     """Listens to the steps that a pilot replays. vehicle: the one that the pilot took last. vehicles: what each
-    autopilot is. ranging: the sources of ranges, those that do not fit the mission included."""
+    autopilot is. ranging: the sources of ranges with the mission's name of their message, those that do not fit the
+    mission included."""
 
     settings: RangingSettings
     vehicle: Ids | None = None
     vehicles: dict[Ids, str] = field(default_factory=dict)
     heartbeats: Counter[Ids] = field(default_factory=Counter)
-    ranging: dict[RangeSource, RangeCounts] = field(default_factory=dict)
+    ranging: dict[tuple[str, RangeSource], RangeCounts] = field(default_factory=dict)
     ambiguous: int = 0
     """Ranges that were not used because several sources fit the mission."""
 
@@ -195,20 +186,8 @@ class LogSources:
     def candidates(self) -> list[RangeSource]:
         """The sources that fit the mission, where there is more than one and no word of it which one is meant."""
         named = self.settings.system_id is not None or self.settings.component_id is not None
-        fit = [source for source, counts in self.ranging.items() if counts.taken or (counts.ignored and not named)]
+        fit = [source for (_, source), counts in self.ranging.items() if counts.taken or (counts.ignored and not named)]
         return fit if len(fit) > 1 else []
-
-    @property
-    def distinguishing_keys(self) -> list[str]:
-        """The keys of the mission in which the candidates differ."""
-        candidates = self.candidates
-        differs: dict[str, set[int] | set[str]] = {
-            "component_id": {one.component for one in candidates},
-            "system_id": {one.system for one in candidates},
-        }
-        keys = RANGING_MESSAGES[self.settings.message].marks.values()
-        differs |= {key: {one.marks[at] for one in candidates} for at, key in enumerate(keys)}
-        return [f"ranging.{key}" for key, values in differs.items() if len(values) > 1]
 
     def _count(self, message: Message, reader: RangeReader, now: float) -> None:
         sender = ids(message)
@@ -218,10 +197,9 @@ class LogSources:
                 self.heartbeats[sender] += 1
             return
         name, kind = next(item for item in RANGING_MESSAGES.items() if item[1].id == message.get_msgId())
-        marks = tuple(plain_text(str(value)) for value in kind.mark_values(message).values())
         if kind.for_anything and name != self.settings.message and not kind.picked(message, self.settings):
             return  # values of any kind come under names
-        counts = self.ranging.setdefault(RangeSource(name, *sender, marks), RangeCounts())
+        counts = self.ranging.setdefault((name, RangeSource.of(message, kind)), RangeCounts())
         fits = name == self.settings.message and kind.picked(message, self.settings)
         ignored = sum(reader.rejected[reason] for reason in _OF_ANOTHER)
         counts.messages += 1

@@ -123,7 +123,7 @@ class Onlookers:
         alarms: dict[str, str] = {}
         for onlooker in self._working():
             alarms |= self._guarded(onlooker, _at(now), onlooker.alarms, now) or {}
-        return alarms | (EXTRA_STOPPED.alarm(problem="; ".join(self.problems)) if self.problems else {})
+        return alarms | (EXTRA_STOPPED.alarm("; ".join(self.problems)) if self.problems else {})
 
     def finish(self, summary: dict[str, Any]) -> dict[str, str]:
         """Let every onlooker add to the summary. Return the files for the run folder, by name."""

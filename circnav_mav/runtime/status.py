@@ -62,7 +62,7 @@ class Watch:
         pilot, timing = self._pilot, self._pilot.settings.timing
         conditions = pilot.conditions.alarms | self._onlookers.alarms(now)
         if problem is not None:
-            conditions |= NOT_RECORDING.alarm(problem=problem)
+            conditions |= NOT_RECORDING.alarm(problem)
         lost = timing.stale if tick.x is None else timing.stale + pilot.mission.hold
         if tick.range_age is not None and tick.range_age > lost:
             # A prediction from the range alone flies straight on, and the vehicle does not. By the relative motion it

@@ -79,7 +79,7 @@ def test_a_folder_whose_name_looks_like_an_option_gets_its_pictures(run, tmp_pat
 
 
 def test_of_a_flight_that_is_killed_nothing_goes_on_to_draw():
-    words = "from circnav_mav.cli.closing import *; import time; one = Drawing(Path('run')); "
+    words = "from circnav_mav.cli.drawing import *; import time; one = Drawing(Path('run')); "
     flight = python("-c", words + "print(one._process.pid, flush=True); time.sleep(900)")
     drawing = int(flight.stdout.readline())
     os.kill(drawing, 0)

@@ -137,7 +137,7 @@ def test_a_log_without_the_ranging_of_the_mission_says_what_is_missing_and_what_
 ):
     ran = replay(records, f"ranging.message={message}")
     assert (ran.code, says in ran.line) == (3, True)
-    assert "unused     DISTANCE_SENSOR of 1/192 (id 0, orientation 24): 111" in ran.out
+    assert "unused     DISTANCE_SENSOR of 1/192 sensor_id 0 orientation 24: 111" in ran.out
     assert "NAMED_VALUE" not in ran.out
 
 
@@ -180,8 +180,8 @@ def with_more(records, *, sender=(1, 33), orientation=24, ident=0, vehicle=()):
 def test_a_plain_replay_says_whose_data_it_used(replay, records):
     out = replay(with_more(records, orientation=25, vehicle=(7,))).done
     assert "vehicle    system 1, component 1: ardupilotmega quadrotor, flown as ardupilot copter" in out
-    assert re.search(r"ranging    DISTANCE_SENSOR of 1/\d+ \(id \d+, orientation 24\): \d+ of \d+ usable", out)
-    assert re.search(r"unused     DISTANCE_SENSOR of 1/33 \(id 0, orientation 25\): \d+", out)
+    assert re.search(r"ranging    DISTANCE_SENSOR of 1/\d+ sensor_id \d+ orientation 24: \d+ of \d+ usable", out)
+    assert re.search(r"unused     DISTANCE_SENSOR of 1/33 sensor_id 0 orientation 25: \d+", out)
     assert re.search(r"others     system 7, component 1: ardupilotmega quadrotor, \d+ heartbeats", out)
     assert "WARNING" not in out
 

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from circnav_mav.guidance.bank_limit import BankLimit
 from circnav_mav.guidance.lap_plan import ANGLES, plan
 from circnav_mav.guidance.maths import chord_parts, clip, wrap
-from circnav_mav.guidance.turn_response import BankLimit, PendingTurn, Response
+from circnav_mav.guidance.pending_turn import PendingTurn
+from circnav_mav.guidance.turn_response import Response
 from circnav_mav.guidance.types import OwnMotion
 from circnav_mav.guidance.vector_field import drift, drift_gains, mirrored
 from tests.tools.firmware.bound import squeezed

@@ -4,7 +4,7 @@ from math import sin
 
 import pytest
 
-from circnav_mav.guidance.turn_response import TurnAnswer
+from circnav_mav.guidance.turn_answer import TurnAnswer
 from circnav_mav.guidance.types import OwnMotion
 
 STEP, DEAD, LAG, GAIN = 0.05, 0.2, 0.15, 0.9

@@ -200,7 +200,6 @@ def test_a_bound_whose_value_is_not_reported_keeps_the_flight_from_beginning_and
     assert rig.run(2.0, lambda: rig.hear(told)).setpoints()
     assert f"circnav: {needs}" not in rig.texts()
     assert f"circnav: {needs}" in rig.run(6.0, lambda: unknown and rig.hear(unknown)).texts()
-    assert rig.pilot.mission.phase is Phase.ENGAGED and rig.pilot.conditions.alarms["bound_not_watched"].startswith(
-        f"BOUND NOT WATCHED: {needs}"
-    )
+    assert rig.pilot.mission.phase is Phase.ENGAGED
+    assert rig.pilot.conditions.alarms["bound_not_watched"].startswith(f"BOUND NOT WATCHED: {needs}")
     assert "circnav: bounds watched again" in rig.run(1.0, lambda: rig.hear(told)).texts()

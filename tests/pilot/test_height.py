@@ -28,7 +28,7 @@ class Climb:
 
     def at(self, altitude):
         self.now += 0.2
-        self.height.hear(vfr_hud(altitude), altitude, self.now)
+        self.height.receive(vfr_hud(altitude), altitude, self.now)
         return self.height.at(self.now)
 
 
@@ -57,10 +57,10 @@ def test_home_may_be_set_anew_until_the_engagement_and_moves_nothing_in_flight()
     climb = Climb(FROM_HOME)
     assert climb.at(560.0) is None
     for altitude in (0.0, 504.0):
-        climb.height.hear(home(altitude), None, climb.now)
+        climb.height.receive(home(altitude), None, climb.now)
     assert climb.at(560.0) == 60.0
     climb.height.engage()
-    climb.height.hear(home(530.0), None, climb.now)
+    climb.height.receive(home(530.0), None, climb.now)
     assert climb.at(561.0) == 61.0
 
 
@@ -68,8 +68,8 @@ def test_in_flight_the_last_height_holds_when_no_altitude_comes_and_that_is_an_a
     climb = Climb(ABSOLUTE)
     climb.height.engage()
     assert climb.at(562.0) == climb.height.at(climb.now + 60.0) == 62.0
-    assert climb.height.held(climb.now) is None
-    assert climb.height.held(climb.now + 2.0) == 62.0
+    assert climb.height.is_held(climb.now) is False
+    assert climb.height.is_held(climb.now + 2.0) is True
 
 
 def test_an_altitude_that_jumps_in_flight_is_no_height_and_a_glitch_leaves_nothing():

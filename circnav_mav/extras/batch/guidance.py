@@ -13,9 +13,10 @@ from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.table import default_estimator
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.maths import Array
+from circnav_mav.guidance.pending_turn import Pending, PendingTurn
 from circnav_mav.guidance.step import Inputs, StepSettings, StepState, compensate_turn_gain, hold, step
 from circnav_mav.guidance.turn_gain import TurnGain, learn
-from circnav_mav.guidance.turn_response import Pending, PendingTurn, Response
+from circnav_mav.guidance.turn_response import Response
 from circnav_mav.guidance.types import SAME_TIME
 
 POLICIES: dict[str, tuple[str, str]] = {law: (law, default_estimator(law)) for law in reversed(LAWS)} | {

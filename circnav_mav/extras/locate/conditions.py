@@ -3,7 +3,7 @@
 from circnav_mav.pilot.conditions import Condition
 
 GPS_WATCH = Condition(
-    "gps_watch", short="GPS WATCH: {culprit} likeliest wrong", long="GPS WATCH: {words}", over="GPS, ranges agree again"
+    "gps_watch", short="GPS WATCH: {found} likeliest wrong", long="GPS WATCH: {found}", over="GPS, ranges agree again"
 )
-HAND_BACK = Condition("hand_back", long="HAND-BACK: {words}")
-SURVEY_STOPPED = Condition("survey_stopped", long="SURVEY: {problem}")
+HAND_BACK = Condition("hand_back", long="HAND-BACK: {found}")
+SURVEY_STOPPED = Condition("survey_stopped", long="SURVEY: {found}")

@@ -377,7 +377,7 @@ class Locator:
         culprit = self.watch.culprit
         if culprit is not self._culprit:
             self._culprit = culprit
-            text = GPS_WATCH.short.format(culprit=culprit.value) if culprit else GPS_WATCH.over
+            text = GPS_WATCH.short.format(found=culprit.value) if culprit else GPS_WATCH.over
             severity = GPS_WATCH.severity if culprit else dialect.MAV_SEVERITY_NOTICE
             self._announcer.say("watch", text, severity=severity)
         if place is None or now - self._said_at < TEXT_EVERY:

@@ -83,11 +83,11 @@ class Locating(Onlooker):
 
     def alarms(self, now: float) -> Mapping[str, str]:
         locator = self.locator
-        found = SURVEY_STOPPED.alarm(problem=locator.problem) if locator.problem else {}
+        found = SURVEY_STOPPED.alarm(locator.problem) if locator.problem else {}
         if locator.watch.alarm:
-            found |= GPS_WATCH.alarm(words=locator.watch.alarm)
+            found |= GPS_WATCH.alarm(locator.watch.alarm)
         if locator.handback and locator.handback.words:
-            found |= HAND_BACK.alarm(words=locator.handback.words)
+            found |= HAND_BACK.alarm(locator.handback.words)
         return found
 
     def finish(self, summary: dict[str, Any]) -> Mapping[str, str]:

@@ -6,7 +6,6 @@ only are used, and of none while several sources fit the mission: which one is r
 """
 
 from collections import deque
-from collections.abc import Iterator
 from typing import NamedTuple
 
 from circnav_mav.mav.codec import Message, ids
@@ -152,11 +151,5 @@ class RangeSources:
 
 
 def differences(sources: list[RangeSource]) -> list[str]:
-    """The mission's keys by which these sources differ."""
-    return list(_differences(sources))
-
-
-def _differences(sources: list[RangeSource]) -> Iterator[str]:
-    for key in sources[0].keys:
-        if len({source.keys[key] for source in sources}) > 1:
-            yield f"ranging.{key}"
+    """Return the mission's keys by which these sources differ."""
+    return [f"ranging.{key}" for key in sources[0].keys if len({source.keys[key] for source in sources}) > 1]

@@ -29,8 +29,9 @@ from circnav_mav.extras.bench.bench import judged, run
 from circnav_mav.extras.bench.table import draw, line, markdown
 from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator
+from circnav_mav.guidance.pending_turn import PendingTurn
 from circnav_mav.guidance.step import Steering, holding
-from circnav_mav.guidance.turn_response import PendingTurn, Response
+from circnav_mav.guidance.turn_response import Response
 from circnav_mav.guidance.types import Direction, OwnMotion, RangeSample
 from circnav_mav.mission.checks import check_mission
 from circnav_mav.mission.load import load_mission

@@ -87,14 +87,19 @@ def _collect(reader: DFReader, options: ReadOptions) -> RangeLog:
     # The filter's position is what telemetry reports. The receiver's own is the last resort.
     log.positions = next((track for rows in tracks.values() if len(track := with_fix(rows)) > 1), [])
     if options.ranges and not log.ranges:
-        names |= {f"{name}.{one}" for name, columns in fields.items() for one in columns
-                  if one.lower().startswith(LIKE_RANGES) and not name.startswith(("RFND", "NKF", "XKF"))}  # fmt: skip
-        if names:
-            raise EmptyLogError(
-                f"no ranges in it: {DATAFLASH.ranges}, and none under the name {options.range_name!r}. Fields that may "
-                f"be ranges: {listed(names)}. Give one: --range-name NAME"
-            )
+        _refuse_other_names(names, fields, options)
     return log
+
+
+def _refuse_other_names(names: set[str], fields: dict[str, list[str]], options: ReadOptions) -> None:
+    """Raise EmptyLogError if the log has fields that may be ranges under another name."""
+    names |= {f"{name}.{one}" for name, columns in fields.items() for one in columns
+              if one.lower().startswith(LIKE_RANGES) and not name.startswith(("RFND", "NKF", "XKF"))}  # fmt: skip
+    if names:
+        raise EmptyLogError(
+            f"no ranges in it: {DATAFLASH.ranges}, and none under the name {options.range_name!r}. Fields that may "
+            f"be ranges: {listed(names)}. Give one: --range-name NAME"
+        )
 
 
 def _messages(reader: DFReader, wanted: set[str]) -> Iterator[tuple[float, Message]]:
