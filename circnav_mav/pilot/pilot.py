@@ -1,13 +1,13 @@
 """The whole application as one object without I/O: bytes and the time in, bytes out.
 
-    pilot.receive(data, now); link.send(pilot.step(now))
+    pilot.receive(data, now); pilot.step(now, send)
 
 A fresh range is answered by the very next step. A tick after it the prediction steers, for a short time; without more
 ranges the orbit's own turn rate is held, then given up. The operator always wins: see `authority`.
 """
 
 from collections import Counter
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import replace
 from math import atan, degrees
 
@@ -32,7 +32,7 @@ from circnav_mav.pilot.echo_watch import EchoWatch
 from circnav_mav.pilot.mission_state import Ending, Event, MissionState, Outcome, Phase
 from circnav_mav.pilot.mode_request import ExitAction
 from circnav_mav.pilot.range_tracker import HEARD, RangeTracker, TickScheduler
-from circnav_mav.pilot.record import StepTaken, TickRecord, plot_values, tick_record
+from circnav_mav.pilot.record import TickRecord, plot_values, tick_record
 from circnav_mav.pilot.settings import VEHICLE, OutputMode, PilotSettings
 from circnav_mav.pilot.status_text import StatusText
 
@@ -83,8 +83,6 @@ class Pilot:
         """When the vehicle last seemed not to receive us, s."""
         self.setpoints_sent = 0
         self._records: list[TickRecord] = []
-        self._taken: StepTaken | None = None
-        """The newest step, until all is said that follows it."""
         self._frames: list[bytes] = []
         self._copter_motion, self._side_slip = CopterMotion(), SideSlip()
         self.own: OwnMotion | None = None
@@ -180,17 +178,16 @@ class Pilot:
 
     # --- out: one step ----------------------------------------------------------------------------------------------
 
-    def step(self, now: float) -> bytes:
-        """Decide and speak: `answer` and `follow_up` in one."""
-        return self.answer(now) + self.follow_up(now)
+    def step(self, now: float, send: Callable[[bytes], bool]) -> None:
+        """Act if a fresh range is waiting or a tick is due: send the setpoint, then prepare and send everything else.
 
-    def answer(self, now: float) -> bytes:
-        """The setpoint of this step, if any. Acts when a fresh range is waiting or a tick is due; else returns nothing
-        at once."""
+        send: takes frames for the vehicle and returns True if they were sent. A setpoint that was not sent teaches
+        nothing about the vehicle, and is not recorded.
+        """
         if self._authority.stepped(now):
             self.tracker.fresh = False
         if not self._due(now):
-            return b""
+            return
         self.tracker.fresh = False
         self.mission.step(now)
         self._watch_link(now)
@@ -204,26 +201,27 @@ class Pilot:
         self._watch_engagement(now)
         desired = self.controller.orbit.radius
         command = self.controller.command(self.mission.phase, estimate, self.session.timesync.worst, now)
-        message, sent = self._setpoint(command, now)
-        if message is not None and (turn := turn_in(message)) is not None:
-            self._echo.sent(turn, now)
-        self._taken = StepTaken(now, self.mission.phase, estimate, command, message is not None, sent, desired)
-        return b"" if message is None else self.session.encode(message)
-
-    def follow_up(self, now: float) -> bytes:
-        """All else that the step of `answer` has to say, once its setpoint is on its way; nothing if it did not act."""
-        if self._taken is None:
-            return b""
-        step, self._taken = self._taken, None
-        self.setpoints_sent += step.spoke
+        message, yaw_rate = self._setpoint(command, now)
+        phase, spoke = self.mission.phase, False
+        if message is not None and (spoke := send(self.session.encode(message))):
+            self._note_setpoint(message, yaw_rate, now)
         self.scheduler.stepped(now)
-        if step.sent is not None:
-            self.controller.commanded(step.sent, now)
-        self._say_what_is_new(step.estimate, step.command, now)
-        said = b"".join(map(self.session.encode, self._housekeeping(step.estimate, step.command, now)))
-        record = tick_record(step, self.session, self.tracker, self.controller, self.settings.law.name)
+        self._say_what_is_new(estimate, command, now)
+        if rest := b"".join(map(self.session.encode, self._housekeeping(estimate, command, now))):
+            send(rest)
+        record = tick_record(
+            now, phase, estimate, command, yaw_rate if spoke else None, desired=desired, session=self.session,
+            tracker=self.tracker, controller=self.controller, law=self.settings.law.name,
+        )  # fmt: skip
         self._records.append(record)
-        return said
+
+    def _note_setpoint(self, message: Message, yaw_rate: YawRate | None, now: float) -> None:
+        """Expect the vehicle's reaction to a setpoint that was sent. yaw_rate: in it, None if it does not steer."""
+        self.setpoints_sent += 1
+        if (turn := turn_in(message)) is not None:
+            self._echo.sent(turn, now)
+        if yaw_rate is not None:
+            self.controller.commanded(yaw_rate, now)
 
     def _due(self, now: float) -> bool:
         """Whether this step acts. The safe setpoints of the end are a tick apart, however many ranges come."""
@@ -361,10 +359,6 @@ class Pilot:
         if exit_action.failure is not None and mission.outcome is not None:
             mission.outcome = replace(mission.outcome, reason=f"{mission.outcome.reason}; {exit_action.failure}")
         return None if allowed is Allowed.NOTHING else self.controller.safe_setpoint(self.session, now)
-
-    def hold_back(self) -> None:
-        """The newest setpoint was not sent: the shell had stood still for too long."""
-        self._taken = self._taken and self._taken._replace(spoke=False, sent=None)
 
     def last_words(self, now: float) -> bytes:
         """The safe setpoint, and the exit action asked for once, for the shell to send when the pilot itself has
