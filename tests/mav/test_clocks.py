@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, RemoteClock
+from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, Order, RemoteClock, StampFilter
 
 WINDOW = 100
 """Samples within which a drift of the clock is followed: 10 s of a 10 Hz radio."""
@@ -53,17 +53,18 @@ def test_no_sample_is_ever_dated_after_its_arrival(pairs):
 
 def test_stamps_go_on_along_one_line_through_the_wrap_and_back():
     """10 s of ms in 32 bits before and after 49.7 days; one that was overtaken lies behind."""
-    clock = RemoteClock(wrap=BOOT_WRAP)
+    clock = StampFilter(wrap=BOOT_WRAP)
     assert abs(BOOT_WRAP - 49.71 * 86400) < 300
     assert clock.unwrapped(5.0) == 5.0
     clock.take(BOOT_WRAP - 10.0, 100.0)
     assert clock.unwrapped(3.0) == pytest.approx(BOOT_WRAP + 3.0)
+    assert clock.order(BOOT_WRAP + 3.0, 113.0) is Order.NEWER
     clock.take(BOOT_WRAP + 3.0, 113.0)
     assert clock.unwrapped(BOOT_WRAP - 1.0) == pytest.approx(BOOT_WRAP - 1.0)
 
 
 @pytest.mark.parametrize(
-    ("stamps", "within", "proven"),
+    ("stamps", "steady", "proven"),
     [
         ([(3.0, 1.0)], 1.0, False),
         ([(3.0, 1.0), (3.1, 1.1)], 1.0, True),
@@ -73,13 +74,26 @@ def test_stamps_go_on_along_one_line_through_the_wrap_and_back():
         ([(3.0, 1.0), None, (3.1, 1.1)], 1.0, False),  # one of the old clock between them
     ],
 )
-def test_a_clock_was_set_anew_when_two_stamps_in_a_row_say_so(stamps, within, proven):
-    clock = RemoteClock()
+def test_a_clock_was_set_anew_when_two_stamps_in_a_row_agree(stamps, steady, proven):
+    clock = StampFilter()
     clock.take(700.0, 0.9)
     for stamp in stamps:
-        anew = clock.set_anew(*stamp, within=within) if stamp else clock.on_line()
+        if stamp is None:
+            clock.take(700.1, 1.05)
+        else:
+            order = clock.order(*stamp, steady=steady)
         assert clock.doubted == (stamp is not None)
-    assert anew == proven
+    assert order is (Order.RESTARTED if proven else Order.JUMPED)
+
+
+def test_a_stamp_is_newer_repeated_or_overtaken_unless_it_is_far_behind_or_ahead():
+    clock = StampFilter()
+    assert clock.order(50.0, 0.0) is Order.NEWER
+    clock.local(50.0, 0.0)
+    clock.take(50.0, 0.0)
+    orders = {stamp: clock.order(stamp, 0.1, most_ahead=2.0) for stamp in (50.1, 50.0, 49.5, 52.0, 52.2, 48.9)}
+    assert orders == {50.1: Order.NEWER, 50.0: Order.REPEATED, 49.5: Order.OLDER, 52.0: Order.NEWER,
+                      52.2: Order.JUMPED, 48.9: Order.JUMPED}  # fmt: skip
 
 
 # --- a remote clock that stands still ---
