@@ -6,10 +6,11 @@ turn rates and headings counter-clockwise positive. Time is an argument: any clo
 
 from collections.abc import Callable, Mapping
 
+from circnav_mav.guidance.closed_loop import ClosedLoop
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.guidance.step import LawChoice, Steering, compensate_turn_gain, limited
+from circnav_mav.guidance.step import LawChoice, limited
 from circnav_mav.guidance.tuning import LawTuning
 from circnav_mav.guidance.turn_response import TurnAnswer
 from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, RangeSample, TurnCommand
@@ -48,20 +49,19 @@ class Guidance:
         newest range steers no more, s. Raises ValueError for a name that does not exist."""
         if isinstance(law, str):
             law = tune(orbit, law, turn_lag=turn_lag)
+        name = ""
         if isinstance(law, LawChoice):
             _known("law", law.name, LAWS)
             name, turn_lag = law.name, law.lag
-            self._steer: Callable[..., TurnCommand] = Steering(orbit, law)
-        else:
-            name, self._steer = "", _own(law, orbit)
-        self._orbit, self._stale = orbit, stale
+        steer = law if isinstance(law, LawChoice) else _own(law, orbit)
+        self._loop = ClosedLoop(orbit, steer, TurnAnswer(turn_lag, orbit.max_turn_rate))
+        self._stale = stale
         wanted = estimator or default_estimator(name)
         if isinstance(wanted, str):
             _known("estimator", wanted, ESTIMATORS)
             wanted = ESTIMATORS[wanted](EstimatorSettings(orbit.speed, orbit.max_turn_rate))
         self._estimator = wanted
         self._newest: float | None = None
-        self._answer = TurnAnswer(turn_lag, orbit.max_turn_rate)
 
     def observe(self, sample: RangeSample) -> bool:
         """Take in a range; tells whether it was accepted, or rejected as an outlier."""
@@ -73,7 +73,8 @@ class Guidance:
     def move(self, own: OwnMotion) -> None:
         """Take in own motion, as often as it is known. Without it only laws on range alone fly."""
         self._estimator.move(own)
-        self._answer.feel(own._replace(bank_turn=None))
+        nose = own._replace(bank_turn=None)
+        self._loop.feel(nose, nose)
 
     def estimate(self, now: float) -> RangeEstimate | None:
         """Range and range rate now, and in `relative` where the target is, where the estimator knows; None before the
@@ -86,12 +87,10 @@ class Guidance:
         estimate = self.estimate(now)
         fresh = self._newest is not None and now - self._newest <= self._stale + SAME_TIME
         if estimate is None or not fresh or not self._estimator.ready:
-            self._answer.reset()
+            self._loop.reset()
             return None
-        turning = estimate.relative.turn_rate if estimate.relative is not None else 0.0
-        wanted = self._steer(estimate, 0.0, self._answer.pending(now, turning), 1.0)
-        command = compensate_turn_gain(wanted, self._orbit.max_turn_rate, self._answer.gain)
-        self._answer.command(now, command.turn_rate)
+        command = self._loop.command(estimate, now)
+        self._loop.commanded(now, command.turn_rate)
         return command
 
 
