@@ -1,9 +1,11 @@
 """From an estimate to the bytes' meaning: law, turn-rate gain, choke point, the vehicle's message."""
 
+from dataclasses import replace
 from math import ceil, isfinite
 
 from circnav_mav.guidance.circle_change import MIN_INTERVAL, NEAR, SPEED_SHARE, CircleRequest, LapCounter, obstacle
 from circnav_mav.guidance.closed_loop import ClosedLoop
+from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.lean_limit import LeanLimit
 from circnav_mav.guidance.turn_response import Response, TurnAnswer
 from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, TurnCommand, TurnRate
@@ -25,6 +27,8 @@ DEAF_AFTER = 1.0
 DOUBTED_AFTER = 0.7
 """Time of not turning as commanded, s, after which its path is not counted: a turn that swings through zero is
 commanded and flown at different moments for as long."""
+RELATIVE = ("auto", "drift")
+"""Estimators of the relative motion."""
 LONGEST_DELAY = 2.0
 """Most delay of the link, s, that the gains are made for."""
 
@@ -35,6 +39,7 @@ class Controller:
     def __init__(self, settings: PilotSettings) -> None:
         orbit, facts = settings.orbit, settings.facts
         self._settings = settings
+        self._tuning = settings.tuning
         lag, gain, link = settings.turn_lag, settings.turn_gain, settings.timing.tick
         self._answer = TurnAnswer(lag, orbit.max_turn_rate, gain=gain, link=link)
         self._loop = ClosedLoop(orbit, settings.law, self._answer, settings.radius_trim)
@@ -44,10 +49,7 @@ class Controller:
             Limits(
                 max_yaw_rate=orbit.max_turn_rate,
                 max_speed=orbit.speed * (1 if settings.circle_limits.keeps_speed else 1 + SPEED_SHARE),
-                max_yaw_acceleration=settings.max_yaw_acceleration,
                 max_bank=facts.max_bank,
-                max_pitch=facts.loops.max_pitch,
-                max_climb=facts.max_climb,
                 max_stick=ceil(facts.stick(facts.max_bank)),
             )
         )
@@ -64,6 +66,11 @@ class Controller:
     def orbit(self) -> Orbit:
         """The circle that is flown now."""
         return self._loop.orbit
+
+    @property
+    def law(self) -> str:
+        """Name of the law that was chosen."""
+        return self._tuning.law
 
     @property
     def turn_gain(self) -> float:
@@ -140,10 +147,22 @@ class Controller:
             return why
         near = abs(wanted.radius / self.orbit.radius - 1) <= NEAR and wanted.direction is self.orbit.direction
         try:
-            self._loop.change(wanted, self._settings.tuning.choice(wanted), keeps_trim=near)
+            self._loop.change(wanted, self._tuning.choice(wanted), keeps_trim=near)
         except ValueError as error:
             return str(error)
         self._changed_at = now
+        return ""
+
+    def change_law(self, name: str) -> str:
+        """Fly another law from now on, with its default gain. Return why it cannot be flown, empty if it is."""
+        if LAWS[name].flies_relative_motion and self._settings.estimator not in RELATIVE:
+            return f"law {name} needs estimator auto, the mission has {self._settings.estimator}"
+        tuning = replace(self._settings.tuning, law=name, gain=None)
+        try:
+            self._loop.change(self.orbit, tuning.choice(self.orbit), keeps_trim=True)
+        except ValueError as error:
+            return str(error)
+        self._tuning = tuning
         return ""
 
     def setpoint(self, command: TurnCommand, session: Session, now: float) -> tuple[Message, YawRate]:
@@ -164,8 +183,7 @@ class Controller:
         return self._guard.check_message(session.adapter.safe_setpoint(state, now), session.adapter.shapes)
 
     def disengage(self) -> None:
-        """The vehicle is not ours any more: the next setpoint starts a new stream at a new height."""
-        self._guard.reset()
+        """End the stream: the next setpoint starts a new one, at a new height."""
         self._loop.reset()
         self._height = None
 
