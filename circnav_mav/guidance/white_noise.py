@@ -44,9 +44,9 @@ def quantile(values: Batch, share: float) -> Batch:
     return np.asarray(np.sort(values, axis=0)[rank, np.arange(values.shape[1])])
 
 
-def spread(sizes: Batch, share: float) -> Batch:
-    """Return the standard deviation (B,) of the normal noise that has this quantile of its magnitudes (n, B)."""
-    return quantile(sizes, share) / NormalDist().inv_cdf((1 + share) / 2)
+def normal_quantile(share: float) -> float:
+    """Return a quantile of the magnitudes of normal noise of standard deviation 1."""
+    return NormalDist().inv_cdf((1 + share) / 2)
 
 
 def bulk_sigma(residuals: Sequence[float]) -> float:
@@ -54,7 +54,7 @@ def bulk_sigma(residuals: Sequence[float]) -> float:
     its median: 14 instead of 20 % at fifty values."""
     sizes = bulk = np.abs(residuals)
     for reach in (FAR, BULK):
-        bulk = sizes[sizes <= reach * spread(bulk[:, None], 0.5)]
+        bulk = sizes[sizes <= reach * quantile(bulk[:, None], 0.5) / normal_quantile(0.5)]
     return float(np.sqrt(np.mean(bulk**2)))
 
 
@@ -63,7 +63,7 @@ class WhiteNoise:
 
     def __init__(self, kept: int, share: float, flights: int = 1) -> None:
         """kept: residuals of each flight. share: the quantile of them that is used."""
-        self._sizes, self._share = np.full((kept, flights), np.nan), share
+        self._sizes, self._share, self._of_normal = np.full((kept, flights), np.nan), share, normal_quantile(share)
         self.count = np.zeros(flights, int)
 
     def add(self, residuals: Array, at: Batch = FIRST) -> None:
@@ -74,4 +74,4 @@ class WhiteNoise:
     @property
     def sigma(self) -> Batch:
         """Standard deviation of the white noise (B,); NaN before the first residual."""
-        return spread(self._sizes, self._share)
+        return quantile(self._sizes, self._share) / self._of_normal

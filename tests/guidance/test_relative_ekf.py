@@ -1,26 +1,32 @@
 """The relative-motion filters against filterpy's, and what they predict of the one flight in the air."""
 
+from math import pi
+
 import numpy as np
 import pytest
 from filterpy.kalman import ExtendedKalmanFilter
+from hypothesis import given
+from hypothesis import strategies as st
 
+from circnav_mav.guidance.estimators.dead_reckoning import Belief, predict_belief
 from circnav_mav.guidance.estimators.relative_ekf import (
     BIAS_TIME,
     FELT_BIAS_PSD,
     FELT_PSD,
     GUST_TIME,
+    KAPPA,
     KAPPA_PSD,
     POSITION_PSD,
     STATES,
+    THETA,
     Felt,
     Hypotheses,
+    R,
     Rates,
-    drift,
     mixture,
     polar,
     position,
     predict,
-    predict_one,
     update,
     update_rate,
 )
@@ -130,16 +136,40 @@ def test_directions_are_averaged_across_the_cut_at_pi_and_a_place_is_the_same_in
     assert (polar_P[0, 0, 0], polar_P[1, 1, 0]) == pytest.approx((4.0, 4.0 / 50**2))
 
 
+@given(seed=st.integers(0, 2**32 - 1), dt=st.floats(0.0, 20.0), heading=st.floats(-pi, pi), airspeed=st.floats(0.5, 30))
+def test_one_flight_is_predicted_as_the_bank_predicts_it(seed, dt, heading, airspeed):
+    rng = np.random.default_rng(seed)
+    mean = rng.normal(size=STATES) * [80, 2, 3, 3, 0.05, 0.3, 1, 1, 0.1, 0.1, 0, 0] + [150, 0, 0, 0, 1, *[0] * 7]
+    mean[R] = max(mean[R], 1.0)
+    root = rng.normal(size=(STATES, STATES)) * 0.1
+    P, chord, psd, gust = root @ root.T, rng.normal(size=2) * 10 * dt, 0.02, 1.3
+    after = predict(hypothesis(mean, P), noise(psd, gust, 0.7, 0.5), np.array([dt]), chord[:, None], np.array([0.5]))
+    x, Q = after.x[:, 0, 0], after.P[:, :, 0, 0]
+
+    belief = Belief(tuple(mean.tolist()), P, psd, gust)
+    ours = predict_belief(belief, dt, (chord[0], chord[1]), heading=heading, airspeed=airspeed)
+
+    n, air = np.array([np.cos(x[THETA]), np.sin(x[THETA])]), airspeed * np.array([np.cos(heading), np.sin(heading)])
+    v = x[KAPPA] * air + x[2:4] + x[6:8]
+    gradient = np.array([0.0, n[0] * v[1] - n[1] * v[0], *n, n @ air, 0.0, *n, 0, 0, 0, 0])
+    assert [ours.r, ours.x, ours.y, *ours.drift] == pytest.approx([x[R], *(x[R] * n), *(x[2:4] + x[6:8])], abs=1e-9)
+    assert (ours.r_dot, ours.airspeed) == pytest.approx((n @ v, x[KAPPA] * airspeed), abs=1e-9)
+    assert ours.r_variance == pytest.approx(Q[R, R], rel=1e-9)
+    assert ours.direction_variance == pytest.approx(Q[THETA, THETA], rel=1e-9)
+    assert ours.r_dot_variance == pytest.approx(gradient @ Q @ gradient, rel=1e-9)
+
+
 @pytest.mark.parametrize("feels", [0.0, 1.0])
 def test_the_predicted_drift_has_the_felt_change_less_that_of_the_air_velocity_as_far_as_it_is_believed(feels):
     """v = kappa V u(psi) + drift, so the drift changes by what v does less kappa times what V u(psi) does. What comes
     and goes is not assumed to go where it is felt. (f, l) = (.1, -.2) is the accelerometer's error, for .1 s due up."""
-    felt, assumed = Felt((0.35, 0.1), (-0.1, 0.2), (0.0, 0.1), 0.0), noise(PSD, GUST, WHITE, DRIFTING, 0.0, feels)
-    x, _ = predict_one(hypothesis(STATE, np.eye(STATES)), assumed, DT, np.array([0.5, 1.4]), felt)
+    belief = Belief(tuple(STATE.tolist()), np.eye(STATES), PSD, GUST, feels)
+    felt = Felt((0.35, 0.1), (-0.1, 0.2), (0.0, 0.1), 0.0)
+    ours = predict_belief(belief, DT, (0.5, 1.4), heading=pi / 2, airspeed=15.0, felt=felt)
     stays = 1.0 if feels else np.exp(-DT / GUST_TIME)
     measured = feels * np.array([0.35 + 1.02 * 0.1, 0.1 - 1.02 * 0.2])
     left = np.array([1.0, -2.0]) + stays * np.array([0.3, -0.2]) + [0.3, 0.1] - np.array([0.02, 0.01])
-    assert drift(x) == pytest.approx(left + measured)
+    assert ours.drift == pytest.approx(tuple(left + measured))
 
 
 def test_a_measured_acceleration_is_bayes_rule_for_what_happened_in_the_step():

@@ -116,14 +116,11 @@ class Hypotheses(NamedTuple):
         return weight / weight.sum(axis=0)
 
 
-def predict(
-    h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array, felt: Felt | None = None, *,
-    keeps_nose: bool = False,
-) -> Hypotheses:  # fmt: skip
+def predict(h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array, felt: Felt | None = None) -> Hypotheses:
     """Carry on by dt (B,), in s, along air paths whose chords are (2, B), in m at the measured airspeed; felt: where
-    the acceleration was measured meanwhile. keeps_nose: e stays what it was."""
+    the acceleration was measured meanwhile."""
     keep, x, P = np.ones((STATES, 1, dt.size)), h.x, h.P  # what is left of each state but range and direction
-    keep[B], keep[GX:FORWARD], keep[EX:] = np.exp(-dt / BIAS_TIME), np.exp(-dt / GUST_TIME), keeps_nose | (dt <= 0)
+    keep[B], keep[GX:FORWARD], keep[EX:] = np.exp(-dt / BIAS_TIME), np.exp(-dt / GUST_TIME), dt <= 0
     r, theta, row = motion(x, dt, chord)
     place = np.zeros(x.shape, complex)
     for state, entry in row:
@@ -247,42 +244,16 @@ def update(h: Hypotheses, noise: Noise, z: Array, sigma: Array, valid: Array, ga
 
 def update_rate(h: Hypotheses, rates: Rates, gate: float) -> Hypotheses:
     """Take in a range rate per flight: z = n.(kappa V u(psi) + d + g + e) + white noise, n the unit vector of p."""
-    expected, PH, variance = range_rate(h.x, h.P, rates.air)
+    n, t = axes(h.x[THETA])
+    vx, vy = (h.x[KAPPA] * air + d for air, d in zip(rates.air, drift(h.x), strict=True))
+    along, across = n[0] * vx + n[1] * vy, t[0] * vx + t[1] * vy
+    ahead = n[0] * rates.air[0] + n[1] * rates.air[1]
+    H = ((THETA, across), (KAPPA, ahead), *((x, n[0]) for x in (DX, GX, EX)), *((y, n[1]) for y in (DY, GY, EY)))
+    PH = sum(of * h.P[:, state] for state, of in H)
     # where accelerations are felt, noise of the nose is a state, e
     nose = np.where(h.P[EX, EX] > 0, 0.0, NOSE * np.hypot(*rates.air)) ** 2
-    S = np.maximum(variance, 0.0) + rates.sigma**2 + nose
-    return _fused(h, PH, rates.r_dot - expected, S, rates.valid, gate, RATE_SPREAD)[0]
-
-
-def range_rate(x: Array, P: Array, air: Array) -> tuple[Array, Array, Array]:
-    """Return the range rate where V u(psi) at the measured airspeed is `air` (2, ...), its covariance with the state
-    (12, ...), and its variance."""
-    n, t = axes(x[THETA])
-    vx, vy = (x[KAPPA] * part + d for part, d in zip(air, drift(x), strict=True))
-    along, across = n[0] * vx + n[1] * vy, t[0] * vx + t[1] * vy
-    ahead = n[0] * air[0] + n[1] * air[1]
-    H = ((THETA, across), (KAPPA, ahead), *((x, n[0]) for x in (DX, GX, EX)), *((y, n[1]) for y in (DY, GY, EY)))
-    PH = sum(of * P[:, state] for state, of in H)
-    return along, PH, sum(of * PH[state] for state, of in H)
-
-
-def predict_one(h: Hypotheses, noise: Noise, dt: float, chord: Array, felt: Felt | None) -> tuple[Array, Array]:
-    """Carry one hypothesis of one flight on by dt (s) along a chord (2,), m. Return its mean (12,) and covariance
-    (12, 12).
-
-    What was felt takes the place of the assumed change of the drift, as far as the hypothesis goes by it (`feels`).
-    """
-    after = predict(h, noise, np.array([dt]), chord[:, None], np.zeros(1), keeps_nose=felt is not None)
-    x, P, before = after.x[:, 0, 0], after.P[:, :, 0, 0], h.x[:, 0, 0]
-    if felt is None:
-        x[EX:] = 0.0
-    else:
-        (c, s), feels = felt.nose, float(np.ravel(noise.feels)[0])
-        (forward, left), g = before[FORWARD:EX], before[GX:FORWARD]
-        error = np.array([c * forward - s * left, s * forward + c * left])
-        change = np.array(felt.change) - before[KAPPA] * np.array(felt.air)
-        x[EX:] += feels * (g - x[GX:FORWARD] + change) - error
-    return x, P
+    S = np.maximum(sum(of * PH[state] for state, of in H), 0.0) + rates.sigma**2 + nose
+    return _fused(h, PH, rates.r_dot - along, S, rates.valid, gate, RATE_SPREAD)[0]
 
 
 def _fused(h: Hypotheses, PH: Array, nu: Array, S: Array, valid: Array, gate: float, spread: float) -> Updated:

@@ -5,12 +5,12 @@ from math import sqrt
 
 import numpy as np
 
-from circnav_mav.guidance.estimators import relative_ekf as ekf
 from circnav_mav.guidance.estimators.acquisition import Prior
-from circnav_mav.guidance.estimators.dead_reckoning import Knot, OwnPath
+from circnav_mav.guidance.estimators.dead_reckoning import Belief, Knot, OwnPath, predict_belief
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.multiple_model import TRUSTED, DriftBank, Stage
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
+from circnav_mav.guidance.estimators.relative_ekf import KAPPA, Felt, Rates, drift
 from circnav_mav.guidance.maths import Array
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample, RelativeMotion
 
@@ -85,7 +85,7 @@ class DriftEstimator(Estimator):
             return
         nothing, V, psi = np.zeros(1), knot.motion.airspeed, knot.motion.heading
         air = V * np.array([[np.cos(psi)], [np.sin(psi)]])
-        rates = ekf.Rates(np.array([sample.r_dot]), np.array([sample.sigma]), np.array([True]), air)
+        rates = Rates(np.array([sample.r_dot]), np.array([sample.sigma]), np.array([True]), air)
         ranges = nothing, nothing + self._sigma, nothing > 0
         self.bank.step(*_step(before, knot), *ranges, _felt(before, knot), rates)
         self._used = knot
@@ -95,37 +95,33 @@ class DriftEstimator(Estimator):
         if knot is None or self._used is None or knot.piece != self._used.piece or self.bank.stage[0] == Stage.EMPTY:
             return None
         then, own, tracks = self._used, knot.motion, self.bank.stage[0] == Stage.TRACK
-        believed = ekf.Hypotheses(self.bank.mean[:, None], self.bank.covariance[:, :, None], np.zeros((1, 1)))
-        psd, gust, feels = self.bank.assumed[:, 0].tolist()
-        dt, chord = max(own.time - then.motion.time, 0.0), np.array([knot.x - then.x, knot.y - then.y])
+        mean, covariance = tuple(self.bank.mean[:, 0].tolist()), self.bank.covariance[:, :, 0]
+        belief = Belief(mean, covariance, *self.bank.assumed[:, 0].tolist())
+        dt, chord = max(own.time - then.motion.time, 0.0), (knot.x - then.x, knot.y - then.y)
         felt = knot.felt_since(then)
-        mean, covariance = ekf.predict_one(believed, ekf.Noise(psd, gust, 1.0, 0.0, feels=feels), dt, chord, felt)
-        air = own.airspeed * np.array([np.cos(own.heading), np.sin(own.heading)])
-        r_dot, _, r_dot_variance = ekf.range_rate(mean, covariance, air)
-        r, (x, y), (drift_x, drift_y) = float(mean[ekf.R]), ekf.position(mean).tolist(), ekf.drift(mean).tolist()
-        r_variance, direction_variance = float(covariance[ekf.R, ekf.R]), float(covariance[ekf.THETA, ekf.THETA])
+        at = predict_belief(belief, dt, chord, heading=own.heading, airspeed=own.airspeed, felt=felt)
         # without ranges a prediction gets worse
         bound = max(TRUSTED, GROWN * float(self.bank.spread[0]))
-        steers = self.ready and r_variance / r**2 + direction_variance < bound**2
+        steers = self.ready and at.r_variance / at.r**2 + at.direction_variance < bound**2
         relative = RelativeMotion(
-            x=x,
-            y=y,
-            sigma=sqrt(max(r_variance + r**2 * direction_variance, 0.0)) if tracks else r,
-            drift_x=drift_x,
-            drift_y=drift_y,
+            x=at.x,
+            y=at.y,
+            sigma=sqrt(max(at.r_variance + at.r**2 * at.direction_variance, 0.0)) if tracks else at.r,
+            drift_x=at.drift[0],
+            drift_y=at.drift[1],
             heading=own.heading,
             turn_rate=own.turn_rate,
-            airspeed=float(mean[ekf.KAPPA]) * own.airspeed,
-            scale=float(mean[ekf.KAPPA]),
+            airspeed=at.airspeed,
+            scale=belief.mean[KAPPA],
             trusted=steers,
             trial=None if tracks else int(self.bank.favourite[0]),
             drift_remembered=self.bank.remembers,
-            feels=feels if tracks and felt is not None else 0.0,
+            feels=belief.feels if tracks and felt is not None else 0.0,
         )
         return RangeEstimate(
-            time, r, float(r_dot),
-            sqrt(max(r_variance, 0.0)) if tracks else self._sigma,
-            sqrt(max(float(r_dot_variance), 0.0)) if tracks else self._settings.speed,
+            time, at.r, at.r_dot,
+            sqrt(max(at.r_variance, 0.0)) if tracks else self._sigma,
+            sqrt(max(at.r_dot_variance, 0.0)) if tracks else self._settings.speed,
             eta=relative.eta, relative=relative, missed=float(self.bank.missed[0]),
         )  # fmt: skip
 
@@ -137,7 +133,7 @@ class DriftEstimator(Estimator):
             time, known = self._before
             sigma = sqrt(known.drift**2 + FORGOTTEN * (now - time))
             if self.bank.stage[0] == Stage.TRACK and not self._astray:
-                dx, dy = ekf.drift(self.bank.mean[:, 0])
+                dx, dy = drift(self.bank.mean[:, 0])
                 sigma = max(sigma, float(np.hypot(dx - known.dx, dy - known.dy)))
             known = replace(known, drift=sigma)
         self._lately = self._before
@@ -146,7 +142,7 @@ class DriftEstimator(Estimator):
     def _remember(self, now: float) -> None:
         """Keep what is known of the drift now and then, and what was known before that."""
         if self.ready and (self._lately is None or now - self._lately[0] > MEMORY):
-            (dx, dy), scale = ekf.drift(self.bank.mean[:, 0]), float(self.bank.mean[ekf.KAPPA, 0])
+            (dx, dy), scale = drift(self.bank.mean[:, 0]), float(self.bank.mean[KAPPA, 0])
             known = Prior(REMEMBERED * self._settings.speed, dx=float(dx), dy=float(dy), scale=scale)
             self._before, self._lately = self._lately, (now, known)
 
@@ -206,7 +202,7 @@ def _step(before: Knot, after: Knot) -> tuple[Array, Array]:
     return np.array([dt]), np.array([[after.x - before.x], [after.y - before.y]])
 
 
-def _felt(before: Knot | None, after: Knot) -> ekf.Felt | None:
+def _felt(before: Knot | None, after: Knot) -> Felt | None:
     """What was felt meanwhile, of one flight of a bank."""
     felt = None if before is None else after.felt_since(before)
-    return None if felt is None else ekf.Felt(*(np.array(part)[..., None] for part in felt))
+    return None if felt is None else Felt(*(np.array(part)[..., None] for part in felt))
