@@ -16,6 +16,8 @@ EVEN = 0.19
 """Share by which equal time steps may differ. Lost samples make no such ratio, which rounding could decide."""
 FAR, BULK = 5.0, 3.5
 """Residuals beyond, in standard deviations, are outliers: by the median of all, then by the median of the rest."""
+MAD = 1.4826
+"""Standard deviation over median magnitude of normal noise."""
 FIRST = np.zeros(1, int)
 Moment = Pair
 """(time, value) of one flight, or arrays (2, B) of many."""
@@ -44,17 +46,12 @@ def quantile(values: Batch, share: float) -> Batch:
     return np.asarray(np.sort(values, axis=0)[rank, np.arange(values.shape[1])])
 
 
-def normal_quantile(share: float) -> float:
-    """Return a quantile of the magnitudes of normal noise of standard deviation 1."""
-    return NormalDist().inv_cdf((1 + share) / 2)
-
-
 def bulk_sigma(residuals: Sequence[float]) -> float:
     """Return the standard deviation of residuals without outliers. The root mean square of the bulk scatters less than
     its median: 14 instead of 20 % at fifty values."""
     sizes = bulk = np.abs(residuals)
     for reach in (FAR, BULK):
-        bulk = sizes[sizes <= reach * quantile(bulk[:, None], 0.5) / normal_quantile(0.5)]
+        bulk = sizes[sizes <= reach * MAD * quantile(bulk[:, None], 0.5)]
     return float(np.sqrt(np.mean(bulk**2)))
 
 
@@ -63,7 +60,8 @@ class WhiteNoise:
 
     def __init__(self, kept: int, share: float, flights: int = 1) -> None:
         """kept: residuals of each flight. share: the quantile of them that is used."""
-        self._sizes, self._share, self._of_normal = np.full((kept, flights), np.nan), share, normal_quantile(share)
+        self._sizes, self._share = np.full((kept, flights), np.nan), share
+        self._of_normal = NormalDist().inv_cdf((1 + share) / 2)
         self.count = np.zeros(flights, int)
 
     def add(self, residuals: Array, at: Batch = FIRST) -> None:

@@ -35,7 +35,7 @@ Slower = Callable[[float, float], float]
 
 
 def nobody_tells(since: float, now: float) -> float:
-    """Of a link that nothing measures: see RemoteClock."""
+    """Of a link that nothing measures: see StampFilter."""
     return 0.0
 
 
@@ -44,10 +44,26 @@ def our_boot_ms(now: float) -> int:
     return int(now * 1000) & 0xFFFFFFFF
 
 
-class RemoteClock:
-    """Local time = remote stamp + offset, where the offset is the least seen of (arrival - stamp).
+JUMP = 1.0
+"""Step of a remote clock, s, that shows that the clock was set anew. A stamp that is older than the newest by less was
+overtaken on the way."""
 
-    The idea is that of ArduPilot's JitterCorrection: delay on the way only ever adds. A constant delay cannot be told
+
+class Order(Enum):
+    """Relation of a stamp to the newest that was taken. JUMPED: far off, from a glitch or from a clock that was set.
+    RESTARTED: far off, and the one before agrees: the clock was set anew."""
+
+    NEWER = "newer"
+    REPEATED = "repeated"
+    OLDER = "older"
+    JUMPED = "jumped"
+    RESTARTED = "restarted"
+
+
+class StampFilter:
+    """Order and local times of a remote clock's stamps.
+
+    Local time = remote stamp + offset, where the offset is the least seen of (arrival - stamp). The idea is that of ArduPilot's JitterCorrection: delay on the way only ever adds. A constant delay cannot be told
     from a clock difference and stays in.
 
     A remote clock that stands still (a paused simulator, a controller that writes its log) raises all later lags at
@@ -57,13 +73,18 @@ class RemoteClock:
     pauses are common, a route that is suddenly slower by a constant time is rare.
     """
 
-    def __init__(self, slower: Slower = nobody_tells) -> None:
-        """slower: measures the link."""
-        self._slower = slower
+    def __init__(self, slower: Slower = nobody_tells, *, wrap: float | None = None, jump: float = JUMP) -> None:
+        """slower: measures the link. wrap: period after which stamps begin anew, s; None if they do not. jump: step
+        back, s, that shows that the clock was set anew."""
+        self._slower, self._wrap, self._jump = slower, wrap, jump
         self.reset()
 
     def reset(self) -> None:
         """Forget all: the clock was set anew, or it is another one."""
+        self.newest: float | None = None
+        """Newest stamp that was taken, on a line that does not wrap, s. newest_at: when it arrived."""
+        self.newest_at = -inf
+        self._jumped: tuple[float, float] | None = None
         self._offset = self._candidate = self._lag = inf
         self._count = 0
         self._raised: deque[tuple[float, float]] = deque()
@@ -76,7 +97,36 @@ class RemoteClock:
     @property
     def doubted(self) -> bool:
         """Whether the newest stamps look like a step of the remote clock that is not followed yet."""
-        return len(self._raised) > 1 and not self._by_link and self._steady()
+        return self._jumped is not None or (len(self._raised) > 1 and not self._by_link and self._steady())
+
+    # --- the order of stamps ---
+
+    def unwrapped(self, stamp: float) -> float:
+        """Return a stamp on the line of the newest, which does not wrap, s."""
+        if not self._wrap or self.newest is None:
+            return stamp
+        return stamp + self._wrap * round((self.newest - stamp) / self._wrap)
+
+    def order(self, stamp: float, now: float, *, most_ahead: float = inf, steady: float = inf) -> Order:
+        """Compare an unwrapped stamp with the newest. most_ahead: how far it may be ahead of the clock, s. steady: how
+        much two stamps of a clock that was set anew may differ from the local time between them, s."""
+        if self.newest is None:
+            return Order.NEWER
+        step = stamp - self.newest
+        if step > -self._jump and self.ahead(stamp, now) <= most_ahead:
+            self._jumped = None
+            return Order.NEWER if step > 0 else Order.REPEATED if step == 0 else Order.OLDER
+        # A single stamp far off may be a glitch, or a frame that came late by another route. A clock that was set goes
+        # on from there with the next stamp.
+        before, self._jumped = self._jumped, (stamp, now)
+        goes_on = before is not None and stamp > before[0] and abs(stamp - before[0] - (now - before[1])) <= steady
+        return Order.RESTARTED if goes_on else Order.JUMPED
+
+    def take(self, stamp: float, now: float) -> None:
+        """Make a stamp that came now the newest."""
+        self.newest, self.newest_at, self._jumped = stamp, now, None
+
+    # --- remote time to ours ---
 
     def ahead(self, stamp: float, arrival: float) -> float:
         """By how much a stamp is newer than any can be by the offset, s; negative: how late it is."""
@@ -128,70 +178,6 @@ class RemoteClock:
             self._candidate, self._count = self._offset, 0
             # what is left of it, where the link was slow meanwhile, shows in the lags to come, not in those of the rise
             self._begin(arrival)
-
-
-# --- which stamps count ---
-
-JUMP = 1.0
-"""Step of a remote clock, s, that shows that the clock was set anew. A stamp that is older than the newest by less was
-overtaken on the way."""
-
-
-class Order(Enum):
-    """Relation of a stamp to the newest that was taken. JUMPED: far off, from a glitch or from a clock that was set.
-    RESTARTED: far off, and the one before agrees: the clock was set anew."""
-
-    NEWER = "newer"
-    REPEATED = "repeated"
-    OLDER = "older"
-    JUMPED = "jumped"
-    RESTARTED = "restarted"
-
-
-class StampFilter(RemoteClock):
-    """A remote clock with the order of its stamps. newest: newest stamp that was taken, on a line that does not wrap,
-    s; None before the first. newest_at: local time at which it arrived, s."""
-
-    def __init__(self, slower: Slower = nobody_tells, *, wrap: float | None = None, jump: float = JUMP) -> None:
-        """slower: as for RemoteClock. wrap: period after which stamps begin anew, s; None if they do not. jump: step
-        back, s, that shows that the clock was set anew."""
-        self._wrap, self._jump = wrap, jump
-        super().__init__(slower)
-
-    def reset(self) -> None:
-        super().reset()
-        self.newest: float | None = None
-        self.newest_at = -inf
-        self._jumped: tuple[float, float] | None = None
-
-    @property
-    def doubted(self) -> bool:
-        return self._jumped is not None or super().doubted
-
-    def unwrapped(self, stamp: float) -> float:
-        """Return a stamp on the line of the newest, which does not wrap, s."""
-        if not self._wrap or self.newest is None:
-            return stamp
-        return stamp + self._wrap * round((self.newest - stamp) / self._wrap)
-
-    def order(self, stamp: float, now: float, *, most_ahead: float = inf, steady: float = inf) -> Order:
-        """Compare an unwrapped stamp with the newest. most_ahead: how far it may be ahead of the clock, s. steady: how
-        much two stamps of a clock that was set anew may differ from the local time between them, s."""
-        if self.newest is None:
-            return Order.NEWER
-        step = stamp - self.newest
-        if step > -self._jump and self.ahead(stamp, now) <= most_ahead:
-            self._jumped = None
-            return Order.NEWER if step > 0 else Order.REPEATED if step == 0 else Order.OLDER
-        # A single stamp far off may be a glitch, or a frame that came late by another route. A clock that was set goes
-        # on from there with the next stamp.
-        before, self._jumped = self._jumped, (stamp, now)
-        goes_on = before is not None and stamp > before[0] and abs(stamp - before[0] - (now - before[1])) <= steady
-        return Order.RESTARTED if goes_on else Order.JUMPED
-
-    def take(self, stamp: float, now: float) -> None:
-        """Make a stamp that came now the newest."""
-        self.newest, self.newest_at, self._jumped = stamp, now, None
 
 
 # --- how fast it runs ---

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, Order, RemoteClock, StampFilter
+from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, Order, StampFilter
 
 WINDOW = 100
 """Samples within which a drift of the clock is followed: 10 s of a 10 Hz radio."""
@@ -13,7 +13,7 @@ WINDOW = 100
 
 def test_the_least_delay_seen_is_the_offset_and_one_that_stays_is_believed_after_two_windows_at_the_latest():
     """A constant delay cannot be told from a clock difference."""
-    clock = RemoteClock(lambda since, now: 0.3)
+    clock = StampFilter(lambda since, now: 0.3)
     assert clock.local(100.0, 10.3) == pytest.approx(10.3)
     assert clock.local(100.1, 10.2) == pytest.approx(10.2)  # 0.2 s faster on its way than the first
     assert clock.local(100.2, 10.5) == pytest.approx(10.3)
@@ -24,7 +24,7 @@ def test_the_least_delay_seen_is_the_offset_and_one_that_stays_is_believed_after
 
 def test_jitter_of_the_way_is_taken_out():
     """Delays of 0 to 50 ms: after some samples the local times are as even as the stamps, within 2 ms."""
-    rng, clock = np.random.default_rng(1), RemoteClock()
+    rng, clock = np.random.default_rng(1), StampFilter()
     stamps = 5000 + 0.1 * np.arange(400)
     arrivals = stamps - 4000 + rng.uniform(0, 0.05, len(stamps))
     local = np.array([clock.local(*pair) for pair in zip(stamps, arrivals, strict=True)])
@@ -35,7 +35,7 @@ def test_jitter_of_the_way_is_taken_out():
 @pytest.mark.parametrize("drift", [200e-6, -200e-6])
 def test_a_drifting_clock_is_followed(drift):
     """200 ppm over an hour are 0.7 s; the mapping never falls behind by more than two windows' worth, 4 ms at 10 Hz."""
-    clock = RemoteClock()
+    clock = StampFilter()
     for i in range(36_000):
         true = 0.1 * i
         local = clock.local(5000 + true * (1 + drift), true)
@@ -44,7 +44,7 @@ def test_a_drifting_clock_is_followed(drift):
 
 @given(pairs=st.lists(st.tuples(st.floats(0, 1e6), st.floats(0, 1e6)), min_size=1, max_size=250))
 def test_no_sample_is_ever_dated_after_its_arrival(pairs):
-    clock = RemoteClock()
+    clock = StampFilter()
     assert all(clock.local(stamp, arrival) <= arrival for stamp, arrival in pairs)
 
 
@@ -101,7 +101,7 @@ def test_a_stamp_is_newer_repeated_or_overtaken_unless_it_is_far_behind_or_ahead
 
 def ages(lag, *, slower=lambda since, now: 0.0, jitter=0.0, seconds=8.0):
     """(time, age shown) at 10 Hz; lag(t): how late a sample stamped t comes, s, from second 4 on, less the jitter."""
-    rng, clock, shown, heard = np.random.default_rng(7), RemoteClock(slower), [], 0.0
+    rng, clock, shown, heard = np.random.default_rng(7), StampFilter(slower), [], 0.0
     for i in range(round(10 * seconds)):
         stamp = i / 10
         heard = max(heard, stamp + rng.uniform(0.0, jitter) + (lag(stamp) if stamp >= 4.0 else 0.0))
@@ -174,7 +174,7 @@ COMPUTER_BUSY = [
 )
 def test_a_step_among_slow_answers_is_followed_within_a_second_of_settling(lags, slower):
     """Lags as flown, s, .1 s apart; the last one stays."""
-    clock, shown = RemoteClock(slower), []
+    clock, shown = StampFilter(slower), []
     for i in range(200):
         lag = 0.0 if i < 100 else lags[min(i - 100, len(lags) - 1)]
         shown.append(0.1 * i - clock.local(5000.0 + 0.1 * i - lag, 0.1 * i))
@@ -182,7 +182,7 @@ def test_a_step_among_slow_answers_is_followed_within_a_second_of_settling(lags,
 
 
 def test_a_step_is_doubted_while_it_may_be_the_clocks():
-    clock, doubts = RemoteClock(lambda since, now: float("inf")), []
+    clock, doubts = StampFilter(lambda since, now: float("inf")), []
     for i in range(30):
         clock.local(i / 10, i / 10 + (i >= 20))
         doubts.append(clock.doubted)
