@@ -63,8 +63,9 @@ class Order(Enum):
 class StampFilter:
     """Order and local times of a remote clock's stamps.
 
-    Local time = remote stamp + offset, where the offset is the least seen of (arrival - stamp). The idea is that of ArduPilot's JitterCorrection: delay on the way only ever adds. A constant delay cannot be told
-    from a clock difference and stays in.
+    Local time = remote stamp + offset, where the offset is the least seen of (arrival - stamp). The idea is that of
+    ArduPilot's JitterCorrection: delay on the way only ever adds. A constant delay cannot be told from a clock
+    difference and stays in.
 
     A remote clock that stands still (a paused simulator, a controller that writes its log) raises all later lags at
     once by the length of the pause. In a queue that drains they fall from sample to sample; congestion raises them bit
