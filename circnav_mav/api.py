@@ -90,7 +90,7 @@ class Guidance:
             self._loop.reset()
             return None
         command = self._loop.command(estimate, now)
-        self._loop.commanded(now, command.turn_rate)
+        self._loop.answer.command(now, command.turn_rate)
         return command
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from circnav_mav.guidance.step import Flies, LawChoice, Steering, compensate_turn_gain, holding
 from circnav_mav.guidance.turn_response import TurnAnswer
-from circnav_mav.guidance.types import Orbit, OwnMotion, RangeEstimate, TurnCommand, TurnRate
+from circnav_mav.guidance.types import Orbit, OwnMotion, RangeEstimate, TurnCommand
 from circnav_mav.guidance.watches import next_trim
 
 DRIFT = Flies.DRIFT.name.lower()
@@ -56,10 +56,6 @@ class ClosedLoop:
         motion = estimate.relative if estimate is not None else None
         pending = self.answer.pending(now, 0.0 if motion is None else motion.turn_rate)
         return self._compensated(holding(self.orbit, motion, pending))
-
-    def commanded(self, now: float, rate: TurnRate) -> None:
-        """Expect the vehicle's reaction to a turn rate that was sent."""
-        self.answer.command(now, rate)
 
     def reset(self) -> None:
         """Forget the commands: another has the vehicle, or nothing steers it."""

@@ -108,9 +108,12 @@ class StampFilter:
             return stamp
         return stamp + self._wrap * round((self.newest - stamp) / self._wrap)
 
-    def order(self, stamp: float, now: float, *, most_ahead: float = inf, steady: float = inf) -> Order:
-        """Compare an unwrapped stamp with the newest. most_ahead: how far it may be ahead of the clock, s. steady: how
-        much two stamps of a clock that was set anew may differ from the local time between them, s."""
+    def order(
+        self, stamp: float, now: float, *, most_ahead: float = inf, steady: float = inf, patience: float = 0.0
+    ) -> Order:
+        """Compare an unwrapped stamp with the newest; forget the old clock when it RESTARTED. most_ahead: how far the
+        stamp may be ahead of the clock, s. steady: how much two stamps of a new clock may differ from the local time
+        between them, s. patience: silence by the old clock, s, before a new one is followed."""
         if self.newest is None:
             return Order.NEWER
         step = stamp - self.newest
@@ -121,7 +124,10 @@ class StampFilter:
         # on from there with the next stamp.
         before, self._jumped = self._jumped, (stamp, now)
         goes_on = before is not None and stamp > before[0] and abs(stamp - before[0] - (now - before[1])) <= steady
-        return Order.RESTARTED if goes_on else Order.JUMPED
+        if not goes_on or now - self.newest_at < patience:
+            return Order.JUMPED
+        self.reset()
+        return Order.RESTARTED
 
     def take(self, stamp: float, now: float) -> None:
         """Make a stamp that came now the newest."""

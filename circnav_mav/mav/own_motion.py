@@ -154,8 +154,6 @@ class OwnMotionSensor:
             return now if now - clock.newest_at > REPEATED else None
         if order in (Order.OLDER, Order.JUMPED):
             return None
-        if order is Order.RESTARTED:
-            clock.reset()
         measured = clock.local(stamp, now)
         if now - measured > MOST_LATE:
             clock.reset()

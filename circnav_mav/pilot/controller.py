@@ -175,7 +175,7 @@ class Controller:
 
     def commanded(self, sent: YawRate, now: float) -> None:
         """Expect the vehicle's reaction to a yaw rate that was sent."""
-        self._loop.commanded(now, turn_rate_from_yaw_rate(sent))
+        self._answer.command(now, turn_rate_from_yaw_rate(sent))
 
     def safe_setpoint(self, session: Session, now: float, *, engaged: bool = True) -> Message:
         """The vehicle's safe setpoint. `engaged` holds the height of the engagement. Raises UnsafeSetpointError."""

@@ -166,7 +166,10 @@ class Pilot:
         message, yaw_rate = self._setpoint(command, now)
         phase, spoke = self.mission.phase, False
         if message is not None and (spoke := send(self.session.encode(message))):
-            self._note_setpoint(message, yaw_rate, now)
+            self.setpoints_sent += 1
+            self.second_controller.sent(message, now)
+            if yaw_rate is not None:
+                self.controller.commanded(yaw_rate, now)
         self.scheduler.stepped(now)
         self._watch_conditions(estimate, command, now)
         if rest := b"".join(map(self.session.encode, self._housekeeping(estimate, command, now))):
@@ -176,13 +179,6 @@ class Pilot:
             tracker=self.tracker, controller=self.controller, law=self.settings.law.name,
         )  # fmt: skip
         self._records.append(record)
-
-    def _note_setpoint(self, message: Message, yaw_rate: YawRate | None, now: float) -> None:
-        """Expect the vehicle's reaction to a setpoint that was sent. yaw_rate: in it, None if it does not steer."""
-        self.setpoints_sent += 1
-        self.second_controller.sent(message, now)
-        if yaw_rate is not None:
-            self.controller.commanded(yaw_rate, now)
 
     def _due(self, now: float) -> bool:
         """Whether this step acts. The safe setpoints of the end are a tick apart, however many ranges come."""

@@ -184,8 +184,6 @@ class Locator:
         order = self._clock.order(stamp, now, most_ahead=MOST_AHEAD)
         if order in (Order.OLDER, Order.JUMPED):
             return
-        if order is Order.RESTARTED:
-            self._clock.reset()
         time = self._clock.local(stamp, now)
         self._clock.take(stamp, now)
         self._look(east, north, up, time, now)

@@ -202,12 +202,12 @@ class RangeReader:
         most_ahead = FUTURE if self._taken > KNOWN_AFTER else JUMP
         if most_ahead < clock.ahead(stamp, now) <= JUMP:
             self._ahead_at = now
-        order = clock.order(stamp, now, most_ahead=most_ahead, steady=JUMP)
-        if order is Order.RESTARTED and now - clock.newest_at >= MISSED / settings.rate_hz:
-            # Followed only if no range came by the old clock meanwhile: a looped route does not silence the sensor.
+        # A looped route does not silence the sensor: a new clock waits until ranges by the old one have failed to come.
+        order = clock.order(stamp, now, most_ahead=most_ahead, steady=JUMP, patience=MISSED / settings.rate_hz)
+        if order is Order.RESTARTED:
             self._begin_anew()
             return None
-        if order in (Order.JUMPED, Order.RESTARTED):
+        if order is Order.JUMPED:
             return Reject.STAMP_JUMP
         if now - self._ahead_at < DOUBT:
             clock.newest_at = now
