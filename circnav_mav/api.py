@@ -7,10 +7,11 @@ turn rates and headings counter-clockwise positive. Time is an argument: any clo
 from collections.abc import Callable, Mapping
 from math import isfinite, pi
 
+from circnav_mav.guidance.closed_loop import ClosedLoop
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.guidance.step import LawChoice, Steering, compensate_turn_gain, limited
+from circnav_mav.guidance.step import LawChoice, limited
 from circnav_mav.guidance.tuning import LawTuning
 from circnav_mav.guidance.turn_answer import TurnAnswer
 from circnav_mav.guidance.types import (
@@ -61,20 +62,19 @@ class Guidance:
         _check_values(orbit, turn_lag=turn_lag, stale=stale)
         if isinstance(law, str):
             law = tune(orbit, law, turn_lag=turn_lag)
+        name = ""
         if isinstance(law, LawChoice):
             _known("law", law.name, LAWS)
             name, turn_lag = law.name, law.lag
-            self._steer: Callable[..., TurnCommand] = Steering(orbit, law)
-        else:
-            name, self._steer = "", _own(law, orbit)
-        self._orbit, self._stale = orbit, stale
+        steer = law if isinstance(law, LawChoice) else _own(law, orbit)
+        self._loop = ClosedLoop(orbit, steer, TurnAnswer(turn_lag, orbit.max_turn_rate))
+        self._stale = stale
         wanted = estimator or default_estimator(name)
         if isinstance(wanted, str):
             _known("estimator", wanted, ESTIMATORS)
             wanted = ESTIMATORS[wanted](EstimatorSettings(orbit.speed, orbit.max_turn_rate))
         self._estimator = wanted
         self._newest: float | None = None
-        self._answer = TurnAnswer(turn_lag, orbit.max_turn_rate)
 
     def observe(self, sample: RangeSample) -> bool:
         """Take in a range. True if it was accepted; False for an outlier, and for a sample that is no measurement."""
@@ -96,7 +96,8 @@ class Guidance:
         if not all(map(isfinite, (own.time, own.heading, own.turn_rate, own.airspeed))):
             return False
         self._estimator.move(own)
-        self._answer.feel(own._replace(bank_turn=None))
+        nose = own._replace(bank_turn=None)
+        self._loop.feel(nose, nose)
         return True
 
     def estimate(self, now: float) -> RangeEstimate | None:
@@ -111,15 +112,13 @@ class Guidance:
         estimate = self.estimate(now)
         fresh = self._newest is not None and now - self._newest <= self._stale + SAME_TIME
         if estimate is None or not fresh or not self._estimator.ready:
-            self._answer.reset()
+            self._loop.reset()
             return None
-        turning = estimate.relative.turn_rate if estimate.relative is not None else 0.0
-        wanted = self._steer(estimate, 0.0, self._answer.pending(now, turning), 1.0)
-        command = compensate_turn_gain(wanted, self._orbit.max_turn_rate, self._answer.gain)
+        command = self._loop.command(estimate, now)
         if not isfinite(command.demanded):
-            self._answer.reset()
+            self._loop.reset()
             return None
-        self._answer.command(now, command.turn_rate)
+        self._loop.answer.command(now, command.turn_rate)
         return command
 
 

@@ -5,6 +5,20 @@ from typing import Any
 from circnav_sim.faults.frames import write
 from pymavlink.dialects.v20 import all as mavlink
 
+from circnav_mav.pilot import Pilot
+
+
+def output(pilot: Pilot, now: float) -> bytes:
+    """Return all frames that a pilot sends in a step."""
+    out: list[bytes] = []
+
+    def send(data: bytes) -> bool:
+        out.append(data)
+        return True
+
+    pilot.step(now, send)
+    return b"".join(out)
+
 
 def sender(frame: bytes) -> tuple[int, int]:
     """System and component id."""

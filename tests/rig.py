@@ -19,6 +19,7 @@ from circnav_mav.mav.identity import LinkSettings
 from circnav_mav.mav.ranging.interface import RangingSettings
 from circnav_mav.mav.session import Session
 from circnav_mav.pilot import VEHICLE, Pilot, PilotSettings, Timing
+from tests.frames import output
 
 GUIDED, LOITER = 4, 5
 ARMED = 128 | 1
@@ -134,7 +135,7 @@ class Rig:
 
     def step(self) -> list[Any]:
         """One step of the pilot; what it sent."""
-        data = self.pilot.step(self.now)
+        data = output(self.pilot, self.now)
         self.raw.append(data)
         messages = decode(data)
         self.sent += [(self.now, message) for message in messages]

@@ -4,7 +4,6 @@ The commands are described here and carried out in modules of their own, loaded 
 `circnav --help` does not wait for numpy and filterpy.
 """
 
-import gc
 import io
 import os
 import sys
@@ -35,9 +34,6 @@ ENDPOINT = click.option(
     help="The vehicle: udpin:, udpout: or tcp:HOST:PORT, serial:PATH:BAUD. [default: as the mission says]",
 )
 SPEED_HELP = "Bundled vehicle: N times real time, to watch it. [default: as fast as possible; with --web 6]"
-SELDOM = 200_000
-"""Objects between two garbage collections. What a command loads stays; to look through it again and again took a
-seventh of the time that `check` takes."""
 YEAR_2100 = 4_102_444_800
 """Seconds since 1970; beyond, the stamps of a tlog are taken for damage."""
 
@@ -293,7 +289,6 @@ def completion(shell: str) -> int:
 
 def main() -> None:
     """Entry point of the `circnav` command."""
-    gc.set_threshold(SELDOM)
     os.environ.pop("MPLBACKEND", None)  # of a notebook that started us: no picture of ours needs a window
     warnings.filterwarnings("ignore", message="Glyph .* missing from")  # of names that no font of the pictures has
     mind_output()

@@ -1,7 +1,5 @@
 """`circnav fly`: mission file in, circle out."""
 
-import gc
-import sys
 import traceback
 from collections.abc import Callable
 from contextlib import ExitStack, closing, suppress
@@ -40,12 +38,6 @@ MOST_WATCHED = 10.0
 """Times real time up to which what is shown comes as often as at real time; seen faster, it would only cost."""
 RECORDED = ("flight.tlog", "turns.csv", "ticks.csv", "summary.json", "manifest.json")
 """What shows that a folder holds a flight."""
-
-YOUNG = 700
-"""Objects between two garbage collections in flight, Python's own value: each is over in some microseconds."""
-LONGEST_TURN = 0.0005
-"""Time, s, for which the loop waits for another thread of this process (recorder, display) that computes; Python's own
-value is ten times as long, more than a setpoint takes."""
 
 
 def fly_mission(
@@ -140,11 +132,6 @@ def _recorder(out: str | None, mission: Mission) -> Recorder:
 
 def _crash_of(loop: Callable[[], None], pilot: Pilot, links: dict[str, Link], clock: Clock, folder: Path) -> str | None:
     """Run to the end. After an exception a safe setpoint is still sent; returns its description, or None."""
-    gc.collect()
-    gc.freeze()  # a full collection would look through all that was imported, for 0.1 s and more
-    if not isinstance(clock, Lockstep):  # simulated time waits for a collection
-        gc.set_threshold(YOUNG)
-    sys.setswitchinterval(LONGEST_TURN)
     try:
         loop()
     except BaseException as error:  # also sys.exit() in another package
@@ -156,6 +143,4 @@ def _crash_of(loop: Callable[[], None], pilot: Pilot, links: dict[str, Link], cl
         with suppress(OSError):
             report.write_text(traceback.format_exc(), encoding="utf-8")
         return f"{cause}, see {report}"
-    finally:
-        gc.unfreeze()
     return None

@@ -1,31 +1,23 @@
-"""How much ranges scatter, whatever their sensor says: drivers fill in a standard deviation of 1 cm, or any other.
+"""Check of the standard deviation that a sensor reports with its ranges, or range rates: drivers fill in 1 cm, or any
+other number. `white_noise` measures it."""
 
-Three samples, evenly spaced, bend by |z0 - 2 z1 + z2|: white noise of sigma gives a normal distribution of sqrt(6)
-sigma, and the motion at most a dt^2. The lower quartile of many does not mind outliers, each of which spoils three
-bends. The same of measured range rates.
-"""
-
-from bisect import bisect_left, insort
 from collections import deque
 from collections.abc import Callable
 from math import inf, nan, sqrt
 
 from circnav_mav.guidance.laws import max_range_acceleration
+from circnav_mav.guidance.white_noise import WhiteNoise, is_even, residual
 
-KEPT, ENOUGH = 60, 20
-"""Bends from sample to sample that are remembered, and how many it takes at least."""
+KEPT, ENOUGH, QUARTILE = 60, 20, 0.25
+"""Residuals from sample to sample that are kept, the fewest that count, and the quantile of them that does."""
 TOO_MUCH = 3.0
-"""What is measured counts where it is so many times what is said: the quartile of 60 bends is some 25 % off, and one
-range in ten that is an outlier makes it half as large again."""
+"""The measured sigma replaces a reported one that it exceeds by this factor: the quartile of 60 residuals is some 25 %
+off, and one range in ten that is an outlier makes it half as large again."""
 WIDE, KEPT_WIDE = 0.4, 200
-"""Spacing, s, of the bends that must be small, too, before a sigma is lowered, and how many of them: 20 s at 10 Hz."""
+"""Spacing, s, of the residuals that must be small, too, before a sigma is lowered, and their number: 20 s at 10 Hz."""
 TOO_LITTLE, MARGIN = 3.5, 2.0
-"""A sigma is lowered once it is so many times what such bends tell, and then goes by that times the second: they hardly
+"""A sigma that is so many times the measured one is lowered to the measured one times the second: residuals hardly
 show the slow part of a radio's error (UWB: a third)."""
-EVEN = 0.2
-"""Two intervals are the same when they differ by less than this share."""
-QUARTILE_OF_NORMAL = 0.3186
-"""Lower quartile of |x| for a standard normal x."""
 RESOLUTION = 0.01
 """Least standard deviation that a sigma is lowered to, m or m/s: DISTANCE_SENSOR counts centimetres."""
 UNIFORM = 0.29
@@ -46,7 +38,8 @@ class NoiseCheck:
         before the sensor counts as frozen."""
         self._bend_of, self._patience = bend, patience
         self._newest: deque[tuple[float, float]] = deque(maxlen=256)
-        self._bends, self._raw, self._wide = _Bends(KEPT), _Bends(KEPT), _Bends(KEPT_WIDE)
+        self._still, self._raw, self._wide = (WhiteNoise(kept, QUARTILE) for kept in (KEPT, KEPT, KEPT_WIDE))
+        """Residuals beyond what motion can do, as they are, and those of a wider spacing."""
         self._step, self._same_since, self._same, self._noise = inf, 0.0, 0, inf
         self.repeated = 0.0
         """How long, s, a frozen sensor has said the same number; 0 for one that is not frozen."""
@@ -71,12 +64,12 @@ class NoiseCheck:
         that a sensor cannot go on saying the same."""
         self._repeat(stamp, value, sigma, moving)
         self._bend(stamp, value)
-        if len(self._bends) >= ENOUGH and (measured := self._bends.spread) > TOO_MUCH * sigma:
+        if self._still.count[0] >= ENOUGH and (measured := float(self._still.sigma[0])) > TOO_MUCH * sigma:
             self.found = self.found or (sigma, measured)
             return measured
-        if len(self._wide) < KEPT_WIDE or len(self._raw) < ENOUGH:  # unevenly spaced values have no bends
+        if self._wide.count[0] < KEPT_WIDE or self._raw.count[0] < ENOUGH:  # uneven values have no residuals
             return sigma
-        measured = max(self._raw.spread, self._wide.spread)
+        measured = max(float(self._raw.sigma[0]), float(self._wide.sigma[0]))
         if self.lowered is None and sigma <= TOO_LITTLE * measured:
             return sigma
         least = max(RESOLUTION, 0.0 if self._step == inf else UNIFORM * self._step)
@@ -85,25 +78,23 @@ class NoiseCheck:
         return lower
 
     def _bend(self, stamp: float, value: float) -> None:
-        """Note the bends of the newest values: from one to the next, beyond what motion can do and as they are, and
-        those of a wider spacing as they are, which is more than the noise."""
-        newest = self._newest
-        if len(newest) > 1:
+        """Note the residuals of the newest values."""
+        newest, now = self._newest, (stamp, value)
+        if len(newest) > 1 and is_even(newest[-2], newest[-1], now):
             (oldest, before), (middle, between) = newest[-2], newest[-1]
-            last, first = stamp - middle, middle - oldest
-            if abs(last - first) < EVEN * first:
-                bend = abs(value - 2 * between + before)
-                self._resolve(bend)
-                self._raw.add(bend)
-                self._bends.add(max(bend - self._bend_of(between) * last * first, 0.0))
-        newest.append((stamp, value))
+            self._resolve(abs(value - 2 * between + before))
+            off = abs(residual(newest[-2], newest[-1], now))
+            self._raw.add(off)
+            by_motion = self._bend_of(between) * (stamp - middle) * (middle - oldest) / sqrt(6)
+            self._still.add(max(off - by_motion, 0.0))
+        newest.append(now)
         while newest[0][0] < stamp - 4 * WIDE and len(newest) > 2:
             newest.popleft()
-        middle, between = self._before(stamp - WIDE)
-        oldest, before = self._before(2 * middle - stamp)
+        halfway = self._before(stamp - WIDE)
+        begin = self._before(2 * halfway[0] - stamp)
         # a sensor that froze has not become quiet
-        if self._same < FEW and abs((stamp - middle) - (middle - oldest)) < EVEN * (stamp - middle):
-            self._wide.add(abs(value - 2 * between + before))
+        if self._same < FEW and is_even(begin, halfway, now):
+            self._wide.add(residual(begin, halfway, now))
 
     def _resolve(self, difference: float) -> None:
         """Of a sensor that counts in steps every difference is some of them, and so is every bend."""
@@ -122,7 +113,7 @@ class NoiseCheck:
             if before is not None:
                 self._resolve(abs(value - before))
             self._same = 0
-            self._noise = self._raw.spread if len(self._raw) >= ENOUGH else sigma
+            self._noise = float(self._raw.sigma[0]) if self._raw.count[0] >= ENOUGH else sigma
         if value != before or not moving:
             self._same_since = stamp
         self._same += 1
@@ -130,27 +121,3 @@ class NoiseCheck:
         cannot_be = self._step == inf or self._noise > self._step
         frozen = cannot_be and self._same >= REPEATS and same >= self._patience
         self.repeated = same if frozen else 0.0
-
-
-class _Bends:
-    """The newest bends, kept in the order of their size too: to sort them for each range cost more than the filter."""
-
-    def __init__(self, most: int) -> None:
-        self._most = most
-        self._newest: deque[float] = deque()
-        self._by_size: list[float] = []
-
-    def __len__(self) -> int:
-        return len(self._newest)
-
-    def add(self, bend: float) -> None:
-        """Take in one, and forget the oldest."""
-        if len(self._newest) == self._most:
-            del self._by_size[bisect_left(self._by_size, self._newest.popleft())]
-        self._newest.append(bend)
-        insort(self._by_size, bend)
-
-    @property
-    def spread(self) -> float:
-        """Standard deviation that makes such bends."""
-        return self._by_size[len(self) // 4] / (QUARTILE_OF_NORMAL * sqrt(6))

@@ -5,6 +5,7 @@ Of stamps alone all that is known is that no message arrives before it was sent;
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from enum import Enum
 from math import inf
 from statistics import median
 
@@ -34,7 +35,7 @@ Slower = Callable[[float, float], float]
 
 
 def nobody_tells(since: float, now: float) -> float:
-    """Of a link that nothing measures: see RemoteClock."""
+    """Of a link that nothing measures: see StampFilter."""
     return 0.0
 
 
@@ -43,11 +44,28 @@ def our_boot_ms(now: float) -> int:
     return int(now * 1000) & 0xFFFFFFFF
 
 
-class RemoteClock:
-    """Local time = remote stamp + offset, where the offset is the least seen of (arrival - stamp).
+JUMP = 1.0
+"""Step of a remote clock, s, that shows that the clock was set anew. A stamp that is older than the newest by less was
+overtaken on the way."""
 
-    The idea is that of ArduPilot's JitterCorrection: delay on the way only ever adds. A constant delay cannot be told
-    from a clock difference and stays in.
+
+class Order(Enum):
+    """Relation of a stamp to the newest that was taken. JUMPED: far off, from a glitch or from a clock that was set.
+    RESTARTED: far off, and the one before agrees: the clock was set anew."""
+
+    NEWER = "newer"
+    REPEATED = "repeated"
+    OLDER = "older"
+    JUMPED = "jumped"
+    RESTARTED = "restarted"
+
+
+class StampFilter:
+    """Order and local times of a remote clock's stamps.
+
+    Local time = remote stamp + offset, where the offset is the least seen of (arrival - stamp). The idea is that of
+    ArduPilot's JitterCorrection: delay on the way only ever adds. A constant delay cannot be told from a clock
+    difference and stays in.
 
     A remote clock that stands still (a paused simulator, a controller that writes its log) raises all later lags at
     once by the length of the pause. In a queue that drains they fall from sample to sample; congestion raises them bit
@@ -56,18 +74,18 @@ class RemoteClock:
     pauses are common, a route that is suddenly slower by a constant time is rare.
     """
 
-    def __init__(self, slower: Slower = nobody_tells, *, wrap: float | None = None) -> None:
-        """slower: tells of the link. wrap: of its stamps, s, None where they do not wrap."""
-        self._slower = slower
-        self._wrap = wrap
+    def __init__(self, slower: Slower = nobody_tells, *, wrap: float | None = None, jump: float = JUMP) -> None:
+        """slower: measures the link. wrap: period after which stamps begin anew, s; None if they do not. jump: step
+        back, s, that shows that the clock was set anew."""
+        self._slower, self._wrap, self._jump = slower, wrap, jump
         self.reset()
 
     def reset(self) -> None:
         """Forget all: the clock was set anew, or it is another one."""
         self.newest: float | None = None
-        """The newest stamp, on a line that does not wrap, s; `newest_at`: when it came."""
+        """Newest stamp that was taken, on a line that does not wrap, s. newest_at: when it arrived."""
         self.newest_at = -inf
-        self._off_line: tuple[float, float] | None = None
+        self._jumped: tuple[float, float] | None = None
         self._offset = self._candidate = self._lag = inf
         self._count = 0
         self._raised: deque[tuple[float, float]] = deque()
@@ -80,29 +98,40 @@ class RemoteClock:
     @property
     def doubted(self) -> bool:
         """Whether the newest stamps look like a step of the remote clock that is not followed yet."""
-        return self._off_line is not None or (len(self._raised) > 1 and not self._by_link and self._steady())
+        return self._jumped is not None or (len(self._raised) > 1 and not self._by_link and self._steady())
 
     # --- the order of stamps ---
 
     def unwrapped(self, stamp: float) -> float:
-        """A stamp on the line of the newest, which does not wrap, s."""
+        """Return a stamp on the line of the newest, which does not wrap, s."""
         if not self._wrap or self.newest is None:
             return stamp
         return stamp + self._wrap * round((self.newest - stamp) / self._wrap)
 
+    def order(
+        self, stamp: float, now: float, *, most_ahead: float = inf, steady: float = inf, patience: float = 0.0
+    ) -> Order:
+        """Compare an unwrapped stamp with the newest; forget the old clock when it RESTARTED. most_ahead: how far the
+        stamp may be ahead of the clock, s. steady: how much two stamps of a new clock may differ from the local time
+        between them, s. patience: silence by the old clock, s, before a new one is followed."""
+        if self.newest is None:
+            return Order.NEWER
+        step = stamp - self.newest
+        if step > -self._jump and self.ahead(stamp, now) <= most_ahead:
+            self._jumped = None
+            return Order.NEWER if step > 0 else Order.REPEATED if step == 0 else Order.OLDER
+        # A single stamp far off may be a glitch, or a frame that came late by another route. A clock that was set goes
+        # on from there with the next stamp.
+        before, self._jumped = self._jumped, (stamp, now)
+        goes_on = before is not None and stamp > before[0] and abs(stamp - before[0] - (now - before[1])) <= steady
+        if not goes_on or now - self.newest_at < patience:
+            return Order.JUMPED
+        self.reset()
+        return Order.RESTARTED
+
     def take(self, stamp: float, now: float) -> None:
-        """A stamp that came now is the newest."""
-        self.newest, self.newest_at, self._off_line = stamp, now, None
-
-    def on_line(self) -> None:
-        """A stamp came that goes with the newest: what was off the line is not proven by the next one."""
-        self._off_line = None
-
-    def set_anew(self, stamp: float, now: float, *, within: float = inf) -> bool:
-        """Whether a stamp far off the line proves that the clock was set anew. A single one may be a glitch, or a frame
-        that came late by another way: the next one must go on from it. within: as fast as our time does, s."""
-        before, self._off_line = self._off_line, (stamp, now)
-        return before is not None and stamp > before[0] and abs((stamp - before[0]) - (now - before[1])) <= within
+        """Make a stamp that came now the newest."""
+        self.newest, self.newest_at, self._jumped = stamp, now, None
 
     # --- remote time to ours ---
 

@@ -6,11 +6,11 @@ that is missing or older than its bound is None; who needs it says so.
 """
 
 from collections import deque
-from math import cos, hypot, inf, nan, remainder, sin, tan, tau
+from math import cos, hypot, nan, remainder, sin, tan, tau
 from typing import NamedTuple
 
 from circnav_mav.guidance.types import FeltVelocity, OwnMotion
-from circnav_mav.mav.clocks import BOOT_WRAP, RemoteClock, Slower, nobody_tells
+from circnav_mav.mav.clocks import BOOT_WRAP, Order, Slower, StampFilter, nobody_tells
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import (
     GRAVITY,
@@ -30,9 +30,9 @@ AIR_MAX_AGE = 1.5
 MOST_LATE = 0.4
 """Longest time on the way, s, that an attitude is believed to have had; less than ATTITUDE_MAX_AGE, so that a clock
 that was set anew never takes the heading away."""
-OVERTAKEN = 0.5
-"""An attitude whose stamp is older than the newest by up to this, s, was overtaken; by more, the vehicle's clock may
-have been set anew (its 32-bit milliseconds do so every 49.7 days), which the next one proves."""
+JUMP = 0.5
+"""Step back of the vehicle's clock, s, that shows that it was set anew. At most ATTITUDE_MAX_AGE: a single stamp of the
+future makes all others older than the newest."""
 MOST_ANGLE, MOST_RATE, MOST_AIRSPEED, MOST_ALTITUDE = 6.3, 50.0, 200.0, 1e5
 """Magnitudes, rad, rad/s, m/s and m, beyond which a value is no measurement of a vehicle that we steer, but rubbish."""
 NO_ROTATION = 0.1
@@ -132,7 +132,7 @@ class OwnMotionSensor:
         self._air = Motion()
         self._air_at = float("-inf")
         self._accelerations = Accelerations()
-        self._clock = RemoteClock(slower, wrap=BOOT_WRAP)
+        self._clock = StampFilter(slower, wrap=BOOT_WRAP, jump=JUMP)
 
     def receive(self, message: Message, now: float) -> bool:
         """Take one message of the pinned vehicle in; tells whether it was a usable attitude, newer than all before."""
@@ -184,14 +184,11 @@ class OwnMotionSensor:
         """When an attitude was measured, in our time; None for one that is not newer than the newest."""
         clock = self._clock
         stamp = clock.unwrapped(stamp_ms / 1000)
-        later = inf if clock.newest is None else stamp - clock.newest
-        if later == 0:
+        order = clock.order(stamp, now)
+        if order is Order.REPEATED:
             return now if now - clock.newest_at > REPEATED else None
-        if later < 0:
-            anew = clock.set_anew(stamp, now)
-            if later >= -OVERTAKEN or not anew:
-                return None
-            clock.reset()
+        if order in (Order.OLDER, Order.JUMPED):
+            return None
         measured = clock.local(stamp, now)
         if now - measured > MOST_LATE:
             clock.reset()

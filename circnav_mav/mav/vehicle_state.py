@@ -5,12 +5,10 @@ from collections import deque
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.interface import Autopilot
-from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, RemoteClock
+from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, Order, StampFilter
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.statustext import TextReader
 
-REBOOT_STEP = 1.0
-"""Backward step of the vehicle's boot time, s, that proves a reboot."""
 AHEAD, AHEAD_SHARE = 5.0, 0.25
 """How much farther than ours the vehicle's time may have gone through a silence, s and share of the silence: links
 buffer, and simulators hurry."""
@@ -42,7 +40,7 @@ class VehicleState:
 
     def __init__(self, adapter: Autopilot) -> None:
         self._adapter = adapter
-        self.boot = RemoteClock(wrap=BOOT_WRAP)
+        self.boot = StampFilter(wrap=BOOT_WRAP)
         """The vehicle's times since boot, the newest None before it has reported one."""
         self._lost_ours = False
         self._sequence: int | None = None
@@ -165,18 +163,18 @@ class VehicleState:
             self.left_for = None if mode == self._adapter.guided_mode else self.mode_name
 
     def _tells_boot_time(self, stamp: float, now: float) -> None:
-        """A boot time that steps back is a reboot; the counter's own wrap after 49.7 days is not. After a silence one
-        that has gone on by more than ours is another vehicle's."""
+        """Count a boot time that steps back as a reboot; the counter's own wrap after 49.7 days is none. After a
+        silence, a boot time that has advanced by more than the local time is that of another vehicle."""
         boot, newest = self.boot.unwrapped(stamp), self.boot.newest
-        step = 0.0 if newest is None else boot - newest
-        if step < -REBOOT_STEP:
-            if not self.boot.set_anew(boot, now):
-                return
+        order = self.boot.order(boot, now)
+        if order in (Order.OLDER, Order.JUMPED):
+            return
+        if order is Order.RESTARTED:
             self.reboots += 1
         else:
-            if self.unproven and self.clock_speed.noticed is None:
+            if newest is not None and self.unproven and self.clock_speed.noticed is None:
                 silence = now - self.boot.newest_at
-                self.reboots += step - silence > AHEAD + AHEAD_SHARE * silence
+                self.reboots += boot - newest - silence > AHEAD + AHEAD_SHARE * silence
             self.clock_speed.heard(boot, now)
         self.boot.take(boot, now)
         self.unproven = False

@@ -1,10 +1,10 @@
 """What preflight says of the ranging."""
 
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
-from math import hypot, sqrt
+from math import sqrt
 from statistics import median
 
+from circnav_mav.guidance.white_noise import bulk_sigma, residual
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check
 from circnav_mav.mav.clocks import quick_span, span_speed
 from circnav_mav.mav.ranging.interface import OTHERS, describe_rejected
@@ -23,10 +23,6 @@ say less: both bounds grow by one part in the root of their number, so that an h
 surveys of ten ranges and in none of 20,000 of fifty."""
 MOST_REJECTED = 0.1
 MOST_OUTLIERS = 0.05
-MAD = 1.4826
-"""Standard deviation over median absolute deviation of a Gaussian."""
-FAR, BULK = 5.0, 3.5
-"""What lies beyond, in standard deviations, is no noise: by the median of all sizes, by that of what remains."""
 LATE = 0.1
 
 
@@ -89,7 +85,8 @@ def _rates(mission: Mission, survey: Survey) -> Iterator[Check]:
         yield Check(WARN, "range rate", f"{words}; move it and look again")
         return
     rate = len(values) / survey.seconds
-    noise = spread_of([(b - (a + c) / 2) / sqrt(1.5) for (a, b), (_, c) in pairwise(pairwise(values))])
+    timed = list(enumerate(values))
+    noise = bulk_sigma([residual(*three) for three in zip(timed, timed[1:], timed[2:], strict=False)])
     enough, quiet = rate >= FULL_RATE * wanted, noise <= NOISE_NEAR * assumed * (1 + 1 / sqrt(len(values)))
     spread = f"{noise:.2f} m/s standard deviation, {assumed:.2f} m/s assumed"
     advice = "" if quiet else ": set ranging.rate_sigma_mps to it"
@@ -103,7 +100,7 @@ def _noise(mission: Mission, ranges: Sequence[RangeHeard]) -> Iterator[Check]:
         yield Check(WARN, "noise", f"{words}; move it and look again")
         return
     residuals = residuals_of(ranges)
-    noise, assumed = spread_of(residuals), median(one.sigma for one in ranges)
+    noise, assumed = bulk_sigma(residuals), median(one.sigma for one in ranges)
     ratio = noise / assumed
     doubt = 1 + 1 / sqrt(len(residuals))
     grade = PASS if ratio <= NOISE_NEAR * doubt else WARN if ratio <= NOISE_FAR * doubt else FAIL
@@ -115,32 +112,16 @@ def _noise(mission: Mission, ranges: Sequence[RangeHeard]) -> Iterator[Check]:
     yield Check(PASS if share <= MOST_OUTLIERS else WARN, "outliers", words)
 
 
-def spread_of(residuals: Sequence[float]) -> float:
-    """Standard deviation of the bulk: from the median, again without what lies far beyond the first answer, and then
-    the root mean square of what that leaves, which scatters less than a median (14 instead of 20 % at fifty ranges)."""
-    sizes = list(map(abs, residuals))
-    first = MAD * median(sizes)
-    second = MAD * median(size for size in sizes if size <= FAR * first)
-    bulk = [size for size in sizes if size <= BULK * second]
-    return sqrt(sum(size**2 for size in bulk) / len(bulk))
-
-
 def outliers_among(residuals: Sequence[float], gate: float) -> float:
     """Share of the ranges that are off by more than the gate; each shows in three second differences."""
     return sum(abs(residual) > gate for residual in residuals) / 3 / len(residuals)
 
 
 def residuals_of(ranges: Sequence[RangeHeard]) -> list[float]:
-    """Each range against the line through its neighbours, scaled to the noise of one: blind to a steady motion, and
-    nearly so to a turn (a second difference of 1 m/s^2 at 10 Hz is 4 mm)."""
-    out = []
-    for (a, b), (_, c) in pairwise(pairwise(ranges)):
-        if not a.time < b.time < c.time:
-            continue
-        share = (b.time - a.time) / (c.time - a.time)
-        line = a.r + share * (c.r - a.r)
-        out.append((b.r - line) / hypot(1.0, share, 1 - share))
-    return out or [0.0]
+    """Return the residuals of ranges, of which a turn of 1 m/s^2 at 10 Hz makes 4 mm."""
+    moments = [(one.time, one.r) for one in ranges]
+    threes = zip(moments, moments[1:], moments[2:], strict=False)
+    return [float(residual(*three)) for three in threes if three[0][0] < three[1][0] < three[2][0]] or [0.0]
 
 
 def _age(mission: Mission, survey: Survey) -> Check:

@@ -4,13 +4,12 @@ from dataclasses import replace
 from math import ceil, isfinite
 
 from circnav_mav.guidance.circle_change import MIN_INTERVAL, NEAR, SPEED_SHARE, CircleRequest, LapCounter, obstacle
+from circnav_mav.guidance.closed_loop import ClosedLoop
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.lean_limit import LeanLimit
-from circnav_mav.guidance.step import Flies, Steering, compensate_turn_gain, holding
 from circnav_mav.guidance.turn_answer import TurnAnswer
 from circnav_mav.guidance.turn_response import Response
-from circnav_mav.guidance.types import SAME_TIME, OwnMotion, RangeEstimate, TurnCommand
-from circnav_mav.guidance.watches import next_trim
+from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, TurnCommand, TurnRate
 from circnav_mav.mav.autopilots.interface import Addressee
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import YawRate, turn_rate_from_yaw_rate, yaw_rate_from_turn_rate
@@ -31,11 +30,8 @@ DOUBTED_AFTER = 0.7
 commanded and flown at different moments for as long."""
 RELATIVE = ("auto", "drift")
 """Estimators of the relative motion."""
-DRIFT = Flies.DRIFT.name.lower()
 LONGEST_DELAY = 2.0
 """Most delay of the link, s, that the gains are made for."""
-LONGEST_TRIM_STEP = 0.2
-"""Most time, s, that the radius integral counts between two steps: a gap is not an error that lasted."""
 
 
 class Controller:
@@ -44,10 +40,10 @@ class Controller:
     def __init__(self, settings: PilotSettings) -> None:
         orbit, facts = settings.orbit, settings.facts
         self._settings = settings
-        self.orbit = orbit
-        """The circle that is flown now."""
         self._tuning = settings.tuning
-        self._steer = Steering(orbit, settings.law)
+        lag, gain, link = settings.turn_lag, settings.turn_gain, settings.timing.tick
+        self._answer = TurnAnswer(lag, orbit.max_turn_rate, gain=gain, link=link)
+        self._loop = ClosedLoop(orbit, settings.law, self._answer, settings.radius_trim)
         self._later, self._laps = list(settings.later_radii), LapCounter()
         self._changed_at = float("-inf")
         self._guard = SetpointGuard(
@@ -58,8 +54,6 @@ class Controller:
                 max_stick=ceil(facts.stick(facts.max_bank)),
             )
         )
-        lag, gain, link = settings.turn_lag, settings.turn_gain, settings.timing.tick
-        self._answer = TurnAnswer(lag, orbit.max_turn_rate, gain=gain, link=link)
         self.turns = self._answer.monitor
         """Compares commanded and flown turns: not followed, or in a limit cycle."""
         self._followed_at = self._slow_at = float("-inf")
@@ -68,9 +62,11 @@ class Controller:
         """Limit of a copter's lean, as found in flight, and the speed that it allows."""
         self.drag = 0.0
         """Of a copter, 1/s, as learnt in flight."""
-        self._trim = 0.0
-        self._steered: tuple[float, float] | None = None
-        """Time, s, and range, m, of the last steered step."""
+
+    @property
+    def orbit(self) -> Orbit:
+        """The circle that is flown now."""
+        return self._loop.orbit
 
     @property
     def law(self) -> str:
@@ -118,9 +114,8 @@ class Controller:
         """Learn the turn-rate gain and the delay from the vehicle's heading, and whether it flies as commanded. nose:
         motion as it was reported."""
         before = self._answer.by_command.time
-        if not self._answer.feel(own):
+        if not self._loop.feel(own, nose):
             return
-        self._answer.watch(nose)
         if self.at_speed:
             self.lean = self.lean.follow(own)
         if own.time - before > LONGEST_GAP:
@@ -133,21 +128,16 @@ class Controller:
     def command(
         self, phase: Phase, estimate: RangeEstimate | None, round_trip: float | None, now: float
     ) -> TurnCommand | None:
-        """The turn now: the law's while engaged, the circle's own while holding. round_trip: of the link, s."""
-        orbit = self.orbit
+        """Return the turn now: of the law while engaged, of the circle while holding. round_trip: of the link, s."""
         self._answer.link = min(self._settings.timing.tick if round_trip is None else round_trip, LONGEST_DELAY)
-        motion = estimate.relative if estimate is not None else None
-        pending = self._answer.pending(now, 0.0 if motion is None else motion.turn_rate)
-        if phase is Phase.ENGAGED and estimate is not None:
-            command = self._steer(estimate, self._trim, pending, self.turns.share)
-            self._trim_radius(estimate, command)
-            if self._later and self._laps.complete(estimate, orbit, command.turn_rate):
-                self.change_circle(CircleRequest(radius=self._later.pop(0), by="mission"), now)
-        elif phase is Phase.HOLDING:
-            command = holding(orbit, motion, pending)
-        else:
+        if phase is Phase.HOLDING:
+            return self._loop.hold(estimate, now)
+        if phase is not Phase.ENGAGED or estimate is None:
             return None
-        return compensate_turn_gain(command, orbit.max_turn_rate, self.turn_gain)
+        command = self._loop.command(estimate, now)
+        if self._later and self._laps.complete(estimate, self.orbit, TurnRate(command.turn_rate * self.turn_gain)):
+            self.change_circle(CircleRequest(radius=self._later.pop(0), by="mission"), now)
+        return command
 
     def change_circle(self, request: CircleRequest, now: float) -> str:
         """Fly another circle from now on. Return why it cannot be flown, empty if it is."""
@@ -156,13 +146,12 @@ class Controller:
         wanted = request.applied(self.orbit)
         if why := obstacle(request, self.orbit, self._settings.circle_limits):
             return why
+        near = abs(wanted.radius / self.orbit.radius - 1) <= NEAR and wanted.direction is self.orbit.direction
         try:
-            self._steer.change(wanted, self._tuning.choice(wanted))
+            self._loop.change(wanted, self._tuning.choice(wanted), keeps_trim=near)
         except ValueError as error:
             return str(error)
-        if abs(wanted.radius / self.orbit.radius - 1) > NEAR or wanted.direction is not self.orbit.direction:
-            self._trim = 0.0  # it was learned on the circle before
-        self.orbit, self._changed_at = wanted, now
+        self._changed_at = now
         return ""
 
     def change_law(self, name: str) -> str:
@@ -171,7 +160,7 @@ class Controller:
             return f"law {name} needs estimator auto, the mission has {self._settings.estimator}"
         tuning = replace(self._settings.tuning, law=name, gain=None)
         try:
-            self._steer.change(self.orbit, tuning.choice(self.orbit))
+            self._loop.change(self.orbit, tuning.choice(self.orbit), keeps_trim=True)
         except ValueError as error:
             return str(error)
         self._tuning = tuning
@@ -186,7 +175,7 @@ class Controller:
         return message, steer.yaw_rate
 
     def commanded(self, sent: YawRate, now: float) -> None:
-        """A turn has gone out in a setpoint: the vehicle's answer to it is expected from now on."""
+        """Expect the vehicle's reaction to a yaw rate that was sent."""
         self._answer.command(now, turn_rate_from_yaw_rate(sent))
 
     def safe_setpoint(self, session: Session, now: float, *, engaged: bool = True) -> Message:
@@ -196,27 +185,8 @@ class Controller:
 
     def disengage(self) -> None:
         """End the stream: the next setpoint starts a new one, at a new height."""
-        self._answer.reset()
-        self._height, self._steered = None, None
-
-    def _trim_radius(self, estimate: RangeEstimate, command: TurnCommand) -> None:
-        """Let the slow integral run over the time since the last steered step, while the vehicle follows."""
-        before, self._steered = self._steered, (estimate.time, estimate.r)
-        # An approach that does not know where the target is closes slowly. Counted as a lasting error, it would be
-        # held on the other side of the circle for half a minute afterwards.
-        approaches = command.flies not in ("", DRIFT)
-        if before is not None and self._settings.radius_trim > 0 and self.followed and not approaches:
-            step = estimate.time - before[0]
-            self._trim = next_trim(
-                self._trim,
-                rate=self._settings.radius_trim,
-                r=estimate.r,
-                change=estimate.r - before[1] if step <= LONGEST_TRIM_STEP else 0.0,
-                r_d=self.orbit.radius + command.offset,
-                V=self.orbit.speed,
-                step=min(step, LONGEST_TRIM_STEP),
-                saturated=command.saturated or self._answer.bank_limit.short,
-            )
+        self._loop.reset()
+        self._height = None
 
     def _state(self, session: Session, now: float, *, engaged: bool) -> Addressee:
         """What the adapter may know; the height to hold is that at which the vehicle became ours."""

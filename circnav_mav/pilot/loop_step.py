@@ -17,8 +17,8 @@ class LoopStep:
 
     heard: (link, source, whole frames) of each datagram. said: frames to the vehicle. hello: frames to the ranging
     link. attached: frames that onlookers sent to the vehicle. requests: for another circle, from outside of the pilot.
-    interrupt: why the flight was ended from outside in this step. held_back: True if what there was to send was not
-    sent.
+    interrupt: why the flight was ended from outside in this step. held_back: True if nothing was sent because the
+    step took too long.
     """
 
     time: float

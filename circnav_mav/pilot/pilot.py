@@ -1,13 +1,13 @@
 """The whole application as one object without I/O: bytes and the time in, bytes out.
 
-    pilot.receive(data, now); link.send(pilot.step(now))
+    pilot.receive(data, now); pilot.step(now, send)
 
 A fresh range is answered by the very next step. A tick after it the prediction steers, for a short time; without more
 ranges the orbit's own turn rate is held, then given up. The operator always wins: see `authority`.
 """
 
 from collections import Counter
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import replace
 
 from pymavlink.dialects.v20.all import MAV_SEVERITY_NOTICE, MAV_SEVERITY_WARNING
@@ -32,7 +32,7 @@ from circnav_mav.pilot.mode_request import ExitAction
 from circnav_mav.pilot.parameters import FlightParameters
 from circnav_mav.pilot.range_tracker import RangeTracker
 from circnav_mav.pilot.rates import RateMeter, Rates
-from circnav_mav.pilot.record import StepTaken, TickRecord, plot_values, tick_record
+from circnav_mav.pilot.record import TickRecord, plot_values, tick_record
 from circnav_mav.pilot.second_controller import SecondController
 from circnav_mav.pilot.settings import VEHICLE, OutputMode, PilotSettings
 from circnav_mav.pilot.status_text import StatusText
@@ -85,8 +85,6 @@ class Pilot:
         """Names of what the vehicle does not report, or too seldom. While it is silent altogether, those of before."""
         self.setpoints_sent = 0
         self._records: list[TickRecord] = []
-        self._taken: StepTaken | None = None
-        """The newest step, until all is said that follows it."""
         self._frames: list[bytes] = []
         self.path: AirPath = AirPath(session, self.tracker, self.controller)
         self.conditions = Conditions(self)
@@ -148,17 +146,16 @@ class Pilot:
 
     # --- out: one step ----------------------------------------------------------------------------------------------
 
-    def step(self, now: float) -> bytes:
-        """Decide and speak: `answer` and `follow_up` in one."""
-        return self.answer(now) + self.follow_up(now)
+    def step(self, now: float, send: Callable[[bytes], bool]) -> None:
+        """Act if a fresh range is waiting or a tick is due: send the setpoint, then prepare and send everything else.
 
-    def answer(self, now: float) -> bytes:
-        """The setpoint of this step, if any. Acts when a fresh range is waiting or a tick is due; else returns nothing
-        at once."""
+        send: takes frames for the vehicle and returns True if they were sent. A setpoint that was not sent teaches
+        nothing about the vehicle, and is not recorded.
+        """
         if self._authority.stepped(now):
             self.tracker.fresh = False
         if not self._due(now):
-            return b""
+            return
         self.tracker.fresh = False
         self.mission.step(now)
         self._watch_link(now)
@@ -172,26 +169,22 @@ class Pilot:
         self._watch_engagement(now)
         desired = self.controller.orbit.radius
         command = self.controller.command(self.mission.phase, estimate, self.session.timesync.worst, now)
-        message, sent = self._setpoint(command, now)
-        if message is not None:
+        message, yaw_rate = self._setpoint(command, now)
+        phase, spoke = self.mission.phase, False
+        if message is not None and (spoke := send(self.session.encode(message))):
+            self.setpoints_sent += 1
             self.second_controller.sent(message, now)
-        self._taken = StepTaken(now, self.mission.phase, estimate, command, message is not None, sent, desired)
-        return b"" if message is None else self.session.encode(message)
-
-    def follow_up(self, now: float) -> bytes:
-        """All else that the step of `answer` has to say, once its setpoint is on its way; nothing if it did not act."""
-        if self._taken is None:
-            return b""
-        step, self._taken = self._taken, None
-        self.setpoints_sent += step.spoke
+            if yaw_rate is not None:
+                self.controller.commanded(yaw_rate, now)
         self.scheduler.stepped(now)
-        if step.sent is not None:
-            self.controller.commanded(step.sent, now)
-        self._watch_conditions(step.estimate, step.command, now)
-        said = b"".join(map(self.session.encode, self._housekeeping(step.estimate, step.command, now)))
-        record = tick_record(step, self.session, self.tracker, self.controller, self.settings.law.name)
+        self._watch_conditions(estimate, command, now)
+        if rest := b"".join(map(self.session.encode, self._housekeeping(estimate, command, now))):
+            send(rest)
+        record = tick_record(
+            now, phase, estimate, command, yaw_rate if spoke else None, desired=desired, session=self.session,
+            tracker=self.tracker, controller=self.controller, law=self.settings.law.name,
+        )  # fmt: skip
         self._records.append(record)
-        return said
 
     def _due(self, now: float) -> bool:
         """Whether this step acts. The safe setpoints of the end are a tick apart, however many ranges come."""
@@ -326,10 +319,6 @@ class Pilot:
         if exit_action.failure is not None and mission.outcome is not None:
             mission.outcome = replace(mission.outcome, reason=f"{mission.outcome.reason}; {exit_action.failure}")
         return None if allowed is Allowed.NOTHING else self.controller.safe_setpoint(self.session, now)
-
-    def hold_back(self) -> None:
-        """The newest setpoint was not sent: the shell had stood still for too long."""
-        self._taken = self._taken and self._taken._replace(spoke=False, sent=None)
 
     def last_words(self, now: float) -> bytes:
         """The safe setpoint, and the exit action asked for once, for the shell to send when the pilot itself has

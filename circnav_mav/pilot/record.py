@@ -73,24 +73,12 @@ def plot_values(orbit: Orbit, estimate: RangeEstimate | None, command: TurnComma
     }  # fmt: skip
 
 
-class StepTaken(NamedTuple):
-    """A step of the pilot. spoke: whether a setpoint left. sent: the yaw rate in it, None for none. desired: radius,
-    m."""
-
-    now: float
-    phase: Phase
-    estimate: RangeEstimate | None
-    command: TurnCommand | None
-    spoke: bool
-    sent: YawRate | None
-    desired: float
-
-
 def tick_record(
-    step: StepTaken, session: Session, tracker: RangeTracker, controller: Controller, law: str
-) -> TickRecord:
-    """A step in numbers. law: of the mission."""
-    now, phase, estimate, command = step.now, step.phase, step.estimate, step.command
+    now: float, phase: Phase, estimate: RangeEstimate | None, command: TurnCommand | None, sent: YawRate | None, *,
+    desired: float, session: Session, tracker: RangeTracker, controller: Controller, law: str,
+) -> TickRecord:  # fmt: skip
+    """Return a step in numbers. sent: yaw rate in its setpoint, None for none. desired: radius, m. law: of the
+    mission."""
     link_age, motion, newest = session.heartbeat_age(now), session.motion.at(now), tracker.newest
     where = estimate.relative if estimate and estimate.relative and estimate.relative.trusted else None
     return TickRecord(
@@ -105,7 +93,7 @@ def tick_record(
         demanded=command.demanded if command else None,
         turn_rate=command.turn_rate if command else None,
         saturated=command.saturated if command else False,
-        yaw_rate_sent=step.sent,
+        yaw_rate_sent=sent,
         turn_gain=controller.turn_gain,
         turn_delay=controller.response.delay,
         gain_share=controller.turns.share,
@@ -126,5 +114,5 @@ def tick_record(
         accepted=tracker.accepted,
         rejected=tracker.ranging.refused,
         measured_rate=tracker.measured_rate(now),
-        desired=step.desired,
+        desired=desired,
     )

@@ -85,14 +85,14 @@ def replay(pilot: Pilot, steps: Iterable[LoopStep], *, ticking: bool = False) ->
 
 
 def _step(pilot: Pilot, now: float, done: Replayed, *, held_back: bool = False) -> None:
-    out = pilot.answer(now)
-    if held_back:
-        pilot.hold_back()
-    more = pilot.follow_up(now)
-    out = b"" if held_back else out + more
+    def send(data: bytes) -> bool:
+        if not held_back:
+            done.sent += [(now, frame) for frame in split_frames(data)]
+        return not held_back
+
+    pilot.step(now, send)
     if pilot.settings.ranging_apart:
-        out += pilot.hello(now)
-    done.sent += [(now, frame) for frame in split_frames(out)]
+        done.sent += [(now, frame) for frame in split_frames(pilot.hello(now))]
     done.ticks += pilot.take_records()
     done.ended = now if pilot.done else None
 

@@ -19,8 +19,8 @@ from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.recorder import Recorder
 
 LONGEST_STEP = 0.5
-"""Real time, s, after which what a step has to say is not said: we stood still in it, and the vehicle may be in other
-hands since. A stall between two steps the pilot notices itself."""
+"""Real time, s, since the begin of a step after which nothing is sent in it: the process was stopped meanwhile, and the
+vehicle may be in other hands. The pilot itself detects a stall between two steps."""
 
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT)
@@ -94,8 +94,8 @@ def turn(
     signal_name: str | None = None,
     requests: Sequence[CircleRequest] = (),
 ) -> LoopStep:
-    """One turn of the loop: receive, step, send. before: time of the last one. signal_name: of a signal that has come
-    to end the flight. requests: for another circle, from outside of the pilot."""
+    """Run one step of the loop: receive, decide, send. before: time of the last one. signal_name: signal that ends the
+    flight. requests: for another circle, from outside of the pilot."""
     began = clock.real()
     received = [(name, *one) for name, link in links.items() for one in link.receive(before)]
     now = clock.now()  # a range that came while we stood still is not dated before it was sent
@@ -109,18 +109,20 @@ def turn(
     if signal_name and pilot.mission.outcome is None:
         step.interrupt = signal_name
         pilot.interrupt(now, signal_name)
-    out = pilot.answer(now)
-    if clock.real() - began > LONGEST_STEP:
-        out, step.held_back = b"", True
-        pilot.hold_back()
-    elif out:
-        links[VEHICLE].send(out, pilot.session.reply_to)
-    # the setpoint is on its way: all else that the pilot has to say, to record and to show comes behind it
-    more = pilot.follow_up(now)
-    if more and clock.real() - began <= LONGEST_STEP:
-        links[VEHICLE].send(more, pilot.session.reply_to)
-        out += more
-    step.said, step.hello = split_frames(out), split_frames(_greet(pilot, links, now))
+
+    def is_late() -> bool:
+        return clock.real() - began > LONGEST_STEP
+
+    def send(data: bytes) -> bool:
+        if is_late():
+            return False
+        links[VEHICLE].send(data, pilot.session.reply_to)
+        step.said += split_frames(data)
+        return True
+
+    pilot.step(now, send)
+    step.held_back = is_late() and not step.said
+    step.hello = split_frames(_greet(pilot, links, now))
     return step
 
 

@@ -13,6 +13,7 @@ from circnav_mav.runlog.tlog import message_id, read_tlog
 from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.status import Watch
 from tests.flight.lockstep import flight
+from tests.frames import output
 from tests.process import COPTER, PATIENCE, circnav
 
 SPEED = 3
@@ -59,7 +60,7 @@ def test_a_vehicle_whose_time_runs_at_another_speed_is_noticed(speed: float, tol
         vehicle.advance(now * speed)
         for frame in vehicle.outgoing("main"):
             pilot.receive(frame, now, "sim")
-        vehicle.receive(pilot.step(now))
+        vehicle.receive(output(pilot, now))
         ticks += pilot.take_records()
     assert pilot.session.clock_speed.noticed == (told if told is None else pytest.approx(told, rel=0.02))
     alarms = [one for one in Watch(pilot, Onlookers()).status(ticks[-1], 15.0).alarms if one.startswith("CLOCK")]

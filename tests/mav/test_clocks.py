@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, RemoteClock
+from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, Order, StampFilter
 
 WINDOW = 100
 """Samples within which a drift of the clock is followed: 10 s of a 10 Hz radio."""
@@ -13,7 +13,7 @@ WINDOW = 100
 
 def test_the_least_delay_seen_is_the_offset_and_one_that_stays_is_believed_after_two_windows_at_the_latest():
     """A constant delay cannot be told from a clock difference."""
-    clock = RemoteClock(lambda since, now: 0.3)
+    clock = StampFilter(lambda since, now: 0.3)
     assert clock.local(100.0, 10.3) == pytest.approx(10.3)
     assert clock.local(100.1, 10.2) == pytest.approx(10.2)  # 0.2 s faster on its way than the first
     assert clock.local(100.2, 10.5) == pytest.approx(10.3)
@@ -24,7 +24,7 @@ def test_the_least_delay_seen_is_the_offset_and_one_that_stays_is_believed_after
 
 def test_jitter_of_the_way_is_taken_out():
     """Delays of 0 to 50 ms: after some samples the local times are as even as the stamps, within 2 ms."""
-    rng, clock = np.random.default_rng(1), RemoteClock()
+    rng, clock = np.random.default_rng(1), StampFilter()
     stamps = 5000 + 0.1 * np.arange(400)
     arrivals = stamps - 4000 + rng.uniform(0, 0.05, len(stamps))
     local = np.array([clock.local(*pair) for pair in zip(stamps, arrivals, strict=True)])
@@ -35,7 +35,7 @@ def test_jitter_of_the_way_is_taken_out():
 @pytest.mark.parametrize("drift", [200e-6, -200e-6])
 def test_a_drifting_clock_is_followed(drift):
     """200 ppm over an hour are 0.7 s; the mapping never falls behind by more than two windows' worth, 4 ms at 10 Hz."""
-    clock = RemoteClock()
+    clock = StampFilter()
     for i in range(36_000):
         true = 0.1 * i
         local = clock.local(5000 + true * (1 + drift), true)
@@ -44,7 +44,7 @@ def test_a_drifting_clock_is_followed(drift):
 
 @given(pairs=st.lists(st.tuples(st.floats(0, 1e6), st.floats(0, 1e6)), min_size=1, max_size=250))
 def test_no_sample_is_ever_dated_after_its_arrival(pairs):
-    clock = RemoteClock()
+    clock = StampFilter()
     assert all(clock.local(stamp, arrival) <= arrival for stamp, arrival in pairs)
 
 
@@ -53,17 +53,18 @@ def test_no_sample_is_ever_dated_after_its_arrival(pairs):
 
 def test_stamps_go_on_along_one_line_through_the_wrap_and_back():
     """10 s of ms in 32 bits before and after 49.7 days; one that was overtaken lies behind."""
-    clock = RemoteClock(wrap=BOOT_WRAP)
+    clock = StampFilter(wrap=BOOT_WRAP)
     assert abs(BOOT_WRAP - 49.71 * 86400) < 300
     assert clock.unwrapped(5.0) == 5.0
     clock.take(BOOT_WRAP - 10.0, 100.0)
     assert clock.unwrapped(3.0) == pytest.approx(BOOT_WRAP + 3.0)
+    assert clock.order(BOOT_WRAP + 3.0, 113.0) is Order.NEWER
     clock.take(BOOT_WRAP + 3.0, 113.0)
     assert clock.unwrapped(BOOT_WRAP - 1.0) == pytest.approx(BOOT_WRAP - 1.0)
 
 
 @pytest.mark.parametrize(
-    ("stamps", "within", "proven"),
+    ("stamps", "steady", "proven"),
     [
         ([(3.0, 1.0)], 1.0, False),
         ([(3.0, 1.0), (3.1, 1.1)], 1.0, True),
@@ -73,13 +74,26 @@ def test_stamps_go_on_along_one_line_through_the_wrap_and_back():
         ([(3.0, 1.0), None, (3.1, 1.1)], 1.0, False),  # one of the old clock between them
     ],
 )
-def test_a_clock_was_set_anew_when_two_stamps_in_a_row_say_so(stamps, within, proven):
-    clock = RemoteClock()
+def test_a_clock_was_set_anew_when_two_stamps_in_a_row_agree(stamps, steady, proven):
+    clock = StampFilter()
     clock.take(700.0, 0.9)
     for stamp in stamps:
-        anew = clock.set_anew(*stamp, within=within) if stamp else clock.on_line()
-        assert clock.doubted == (stamp is not None)
-    assert anew == proven
+        if stamp is None:
+            clock.take(700.1, 1.05)
+        else:
+            order = clock.order(*stamp, steady=steady)
+        assert clock.doubted == (stamp is not None and order is Order.JUMPED)
+    assert order is (Order.RESTARTED if proven else Order.JUMPED)
+
+
+def test_a_stamp_is_newer_repeated_or_overtaken_unless_it_is_far_behind_or_ahead():
+    clock = StampFilter()
+    assert clock.order(50.0, 0.0) is Order.NEWER
+    clock.local(50.0, 0.0)
+    clock.take(50.0, 0.0)
+    orders = {stamp: clock.order(stamp, 0.1, most_ahead=2.0) for stamp in (50.1, 50.0, 49.5, 52.0, 52.2, 48.9)}
+    assert orders == {50.1: Order.NEWER, 50.0: Order.REPEATED, 49.5: Order.OLDER, 52.0: Order.NEWER,
+                      52.2: Order.JUMPED, 48.9: Order.JUMPED}  # fmt: skip
 
 
 # --- a remote clock that stands still ---
@@ -87,7 +101,7 @@ def test_a_clock_was_set_anew_when_two_stamps_in_a_row_say_so(stamps, within, pr
 
 def ages(lag, *, slower=lambda since, now: 0.0, jitter=0.0, seconds=8.0):
     """(time, age shown) at 10 Hz; lag(t): how late a sample stamped t comes, s, from second 4 on, less the jitter."""
-    rng, clock, shown, heard = np.random.default_rng(7), RemoteClock(slower), [], 0.0
+    rng, clock, shown, heard = np.random.default_rng(7), StampFilter(slower), [], 0.0
     for i in range(round(10 * seconds)):
         stamp = i / 10
         heard = max(heard, stamp + rng.uniform(0.0, jitter) + (lag(stamp) if stamp >= 4.0 else 0.0))
@@ -160,7 +174,7 @@ COMPUTER_BUSY = [
 )
 def test_a_step_among_slow_answers_is_followed_within_a_second_of_settling(lags, slower):
     """Lags as flown, s, .1 s apart; the last one stays."""
-    clock, shown = RemoteClock(slower), []
+    clock, shown = StampFilter(slower), []
     for i in range(200):
         lag = 0.0 if i < 100 else lags[min(i - 100, len(lags) - 1)]
         shown.append(0.1 * i - clock.local(5000.0 + 0.1 * i - lag, 0.1 * i))
@@ -168,7 +182,7 @@ def test_a_step_among_slow_answers_is_followed_within_a_second_of_settling(lags,
 
 
 def test_a_step_is_doubted_while_it_may_be_the_clocks():
-    clock, doubts = RemoteClock(lambda since, now: float("inf")), []
+    clock, doubts = StampFilter(lambda since, now: float("inf")), []
     for i in range(30):
         clock.local(i / 10, i / 10 + (i >= 20))
         doubts.append(clock.doubted)

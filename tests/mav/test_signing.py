@@ -10,6 +10,7 @@ from circnav_mav.mav.framing import split_frames
 from circnav_mav.mav.signing import EPOCH, LATEST, MINUTE, Refusal, Signing, is_signed, without_signature
 from circnav_mav.pilot import RANGING, Pilot
 from tests.flight.signed import KEY, OTHER, voice
+from tests.frames import output
 from tests.mav.test_codec import decoded
 from tests.rig import MISSION, heartbeat
 
@@ -188,7 +189,7 @@ def test_all_that_a_pilot_says_is_signed_with_one_running_timestamp_and_without_
     beat(pilot, peer())
     beat(plain, peer(None))
     out, same = (
-        [frame for now in range(5) for frame in split_frames(one.step(float(now)) + one.hello(float(now)))]
+        [frame for now in range(5) for frame in split_frames(output(one, float(now)) + one.hello(float(now)))]
         for one in (pilot, plain)
     )
     assert len(out) > 10
@@ -203,7 +204,7 @@ def test_all_that_a_pilot_says_is_signed_with_one_running_timestamp_and_without_
 def test_an_echo_of_our_signed_frames_is_no_twin():
     pilot = pilot_with()
     beat(pilot, peer())
-    pilot.receive(pilot.step(0.0), 0.01, "vehicle")
+    pilot.receive(output(pilot, 0.0), 0.01, "vehicle")
     assert pilot.session.ignored["echo"] > 0
     assert pilot.session.ignored["twin"] == 0
 
@@ -215,7 +216,7 @@ def test_a_vehicle_whose_clock_is_hours_behind_is_greeted_takes_our_time_over_an
     assert not pilot.session.up
     assert pilot.frames_refused() == {"clock_behind": 1}
     assert pilot.session.reply_to == "vehicle's address"
-    for frame in split_frames(pilot.step(0.0)):
+    for frame in split_frames(output(pilot, 0.0)):
         vehicle.decode(bytearray(frame))
     beat(pilot, vehicle, 1.0, "vehicle's address")
     assert pilot.session.up

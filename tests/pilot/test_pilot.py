@@ -84,30 +84,35 @@ def test_a_vehicle_that_does_not_turn_as_told_teaches_the_estimator_no_motion(ri
         assert len([own for own in heard if own.time > rig.now - 5.0]) == (99 if turns else 0)
 
 
-def test_a_setpoint_is_answered_alone_and_all_else_that_is_due_follows_it(rig):
+def test_a_setpoint_is_sent_alone_and_everything_else_that_is_due_is_sent_after_it(rig):
     rig.engage()
-    answered, followed = set(), set()
+    first, rest = set(), set()
     for _ in range(30):
         rig.pass_time(0.05)
         rig.heartbeat()
         rig.range()
-        answered |= {message.get_type() for message in decode(rig.pilot.answer(rig.now))}
-        followed |= {message.get_type() for message in decode(rig.pilot.follow_up(rig.now))}
-        assert rig.pilot.answer(rig.now) == rig.pilot.follow_up(rig.now) == b"", "a range is answered once"
-    assert answered == {"SET_POSITION_TARGET_LOCAL_NED"}
-    assert {"HEARTBEAT", "TIMESYNC", "NAMED_VALUE_FLOAT"} <= followed - answered
+        setpoint, *others = sent(rig)
+        first |= {message.get_type() for message in decode(setpoint)}
+        rest |= {message.get_type() for message in decode(b"".join(others))}
+        assert sent(rig) == [], "a range causes one setpoint"
+    assert first == {"SET_POSITION_TARGET_LOCAL_NED"}
+    assert {"HEARTBEAT", "TIMESYNC", "NAMED_VALUE_FLOAT"} <= rest - first
 
 
-def test_a_setpoint_that_the_shell_held_back_is_neither_counted_nor_recorded_as_sent(rig):
+def sent(rig, accepts=True):
+    """Return what a step of the pilot passes to its `send`, which accepts it or not."""
+    out = []
+    rig.pilot.step(rig.now, lambda data: out.append(data) or accepts)
+    return out
+
+
+def test_a_setpoint_that_could_not_be_sent_is_neither_counted_nor_recorded_as_sent(rig):
     before = rig.engage().pilot.setpoints_sent
     rig.pilot.take_records()
-    for held_back in (True, False):
+    for accepts in (False, True):
         rig.pass_time(0.1)
         rig.range()
-        assert rig.pilot.answer(rig.now)
-        if held_back:
-            rig.pilot.hold_back()
-        rig.pilot.follow_up(rig.now)
+        assert sent(rig, accepts)
     assert rig.pilot.setpoints_sent == before + 1
     assert [record.yaw_rate_sent is None for record in rig.pilot.take_records()] == [True, False]
 
@@ -235,7 +240,7 @@ def holds(rig):
 
 def fails(rig):
     nonsense = TurnCommand(TurnRate(nan), TurnRate(nan), saturated=False)
-    rig.pilot.controller._steer = lambda *arguments: nonsense
+    rig.pilot.controller._loop._steer = lambda *arguments: nonsense
 
 
 @pytest.mark.parametrize(

@@ -62,7 +62,7 @@ class FakePilot:
     next_tick, scheduler, session = 0.0, Mock(due=0.0), Mock(reply_to="the vehicle")
 
     def __init__(self, steps=5):
-        self.left, self.held_back, self.mission = steps, 0, Mock(outcome=None)
+        self.left, self.mission = steps, Mock(outcome=None)
         self.heard, self.interrupts = [], []
 
     @property
@@ -72,18 +72,16 @@ class FakePilot:
     def receive(self, data, now, source, link):
         self.heard.append((data, source, link))
 
-    def answer(self, now):
+    def decide(self):
         return frame(self.left - 1)
 
-    def follow_up(self, now):
-        self.left -= 1
+    def prepare_the_rest(self):
         return frame(100 + self.left)
 
-    def step(self, now):
-        return self.answer(now) + self.follow_up(now)
-
-    def hold_back(self):
-        self.held_back += 1
+    def step(self, now, send=lambda data: True):
+        send(self.decide())
+        self.left -= 1
+        send(self.prepare_the_rest())
 
     def hello(self, now):
         return b"hello"
@@ -192,13 +190,13 @@ def test_an_onlooker_keeps_the_loop_going_after_guidance_until_a_signal_which_it
 
 
 @pytest.mark.parametrize(("seconds", "stands"), [(0.4, False), (5.0, True)])
-@pytest.mark.parametrize("moment", ["reading", "decoding", "deciding", "following up"])
+@pytest.mark.parametrize("moment", ["reading", "decoding", "deciding", "preparing the rest"])
 def test_what_was_to_be_said_before_the_process_stood_still_is_not_said_after_it(fly, seconds, stands, moment):
     """In its second step. The vehicle may be in other hands by then; a setpoint or a mode would be of before. And a
     range dated seconds before it was sent would make every later one look old."""
     pilot, clock, vehicle = FakePilot(3), FakeClock(), FakeLink(*[(b"a", "x")] * 3)
-    where, name = {"reading": (vehicle, "receive"), "decoding": (pilot, "receive"), "deciding": (pilot, "answer"),
-                   "following up": (pilot, "follow_up")}[moment]  # fmt: skip
+    where, name = {"reading": (vehicle, "receive"), "decoding": (pilot, "receive"), "deciding": (pilot, "decide"),
+                   "preparing the rest": (pilot, "prepare_the_rest")}[moment]  # fmt: skip
     does, calls = getattr(where, name), []
 
     def stops(*arguments):
@@ -209,9 +207,9 @@ def test_what_was_to_be_said_before_the_process_stood_still_is_not_said_after_it
 
     setattr(where, name, stops)
     recorder = fly(pilot, vehicle=vehicle, clock=clock)
-    held_back = stands and moment != "following up"  # the setpoint was sent before
+    held_back = stands and moment != "preparing the rest"  # the setpoint was sent before
     assert len(vehicle.sent) == 6 - stands - held_back
-    assert pilot.held_back == held_back == sum(step.held_back for step in recorder.steps)
+    assert held_back == sum(step.held_back for step in recorder.steps)
     assert recorder.kept == [words for words, _ in vehicle.sent], "the log tells what was sent"
     assert len(recorder.steps) == 3, "and all that was heard"
     assert [step.time > 3 for step in recorder.steps] == [False, moment == "reading", True]

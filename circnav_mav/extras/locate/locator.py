@@ -29,7 +29,7 @@ from circnav_mav.extras.locate.handback import (
 from circnav_mav.extras.locate.place import Place, Plane
 from circnav_mav.extras.locate.watch import Culprit, GpsWatch, Look, angle_between
 from circnav_mav.guidance.types import OwnMotion, RangeSample, RelativeMotion
-from circnav_mav.mav.clocks import BOOT_WRAP, RemoteClock
+from circnav_mav.mav.clocks import BOOT_WRAP, Order, StampFilter
 from circnav_mav.mav.codec import Decoder, Encoder, Message
 from circnav_mav.mav.commands import Command, CommandSender, StreamRequests, once
 from circnav_mav.mav.framing import frame_at
@@ -52,8 +52,8 @@ COMMANDS = frozenset({
     dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_DO_SET_ROI_LOCATION, dialect.MAV_CMD_DO_SET_ROI_NONE,
     dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE,
 })  # fmt: skip
-REBOOTED = 5.0
-"""Time, s, by which the vehicle's clock is off when it has started again."""
+MOST_AHEAD = 5.0
+"""Time, s, by which a stamp of the vehicle may be ahead of its clock."""
 WINDOW = 600.0
 """Newest time, s, that the place is made from."""
 MOST_KEPT = 2000
@@ -111,7 +111,7 @@ class Locator:
         self._accepted = 0
         self._gps_sigma = settings.gps_sigma
         self._home = 0.0
-        self._clock = RemoteClock(pilot.session.timesync.told, wrap=BOOT_WRAP)
+        self._clock = StampFilter(pilot.session.timesync.told, wrap=BOOT_WRAP)
         self._solve_at = self._tell_at = 0.0
         self._solved_to = float("-inf")
         self._said_at = float("-inf")
@@ -181,8 +181,9 @@ class Locator:
             return  # a position without GPS is the autopilot's own dead reckoning
         # by the vehicle's own clock: on the way it may have waited, and V times that is metres
         stamp = self._clock.unwrapped(message.time_boot_ms / 1000)
-        if self._clock.newest is not None and abs(stamp - self._clock.newest) > now - self._clock.newest_at + REBOOTED:
-            self._clock.reset()  # the vehicle has started again
+        order = self._clock.order(stamp, now, most_ahead=MOST_AHEAD)
+        if order in (Order.OLDER, Order.JUMPED):
+            return
         time = self._clock.local(stamp, now)
         self._clock.take(stamp, now)
         self._look(east, north, up, time, now)

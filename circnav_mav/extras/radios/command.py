@@ -6,8 +6,9 @@ from itertools import pairwise
 from math import inf, isfinite
 
 from circnav_mav.cli.exits import Exit, refusing, say
+from circnav_mav.guidance.white_noise import bulk_sigma
 from circnav_mav.mav.clocks import quick_span, span_speed
-from circnav_mav.mission.preflight_ranging import outliers_among, residuals_of, spread_of
+from circnav_mav.mission.preflight_ranging import outliers_among, residuals_of
 from circnav_mav.pilot.survey import RangeHeard
 from circnav_mav.runtime.clock import Clock
 from circnav_mav.runtime.endpoint import LinkError
@@ -73,7 +74,7 @@ def _describe(beacon: int, ranges: list[RangeHeard], now: float) -> str:
     if len(ranges) < FEW:
         return "  ".join([*words, f"longest gap {gap:.2f} s"])
     residuals = residuals_of(ranges)
-    scatter = spread_of(residuals)
+    scatter = bulk_sigma(residuals)
     share = outliers_among(residuals, OUTLIER * scatter)
     words += [f"scatter {scatter:.3f} m", f"outliers {100 * share:.0f} %", f"longest gap {gap:.2f} s", _clock(ranges)]
     return "  ".join(words)

@@ -12,7 +12,7 @@ from circnav_mav.guidance.maths import horizontal, horizontal_rate
 from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.guidance.rate_check import RateCheck
 from circnav_mav.guidance.types import SAME_TIME, RangeSample, RateSample
-from circnav_mav.mav.clocks import RemoteClock, Slower, nobody_tells
+from circnav_mav.mav.clocks import JUMP, Order, Slower, StampFilter, nobody_tells
 from circnav_mav.mav.codec import Message, ids
 from circnav_mav.mav.identity import AUTOPILOT_COMPONENT, Sender
 from circnav_mav.mav.ranging.interface import EXPLAINED, OTHERS, RangingSettings, Reading, Reject, boot_stamp
@@ -21,13 +21,10 @@ from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 
 MISSED = 2.5
 """Ranges of the usual rate that must have failed to come by the old clock before a new one is followed."""
-EPOCH_JUMP = 1.0
-"""A stamp that is newer than the sensor's clock allows, or older than the newest, by more than this, s, is of a clock
-that was set. One that is merely late is not: RemoteClock tells a clock that stood still from a slow link."""
 FUTURE, KNOWN_AFTER = 0.15, 100
-"""How far, s, a stamp may be ahead of the sensor's clock once so many ranges have told how quick its way can be. Less
-is the jitter of a link; more is of another clock, or the way has become quicker, and counts only where nothing comes by
-the old one any more."""
+"""How far, s, a stamp may be ahead of the sensor's clock once so many ranges have shown the shortest delay; before, it
+is JUMP. Less is the jitter of a link. More is another clock, or the delay has become shorter: such a stamp counts only
+after no range by the old clock has come for a while."""
 DOUBT = 0.5
 """Time, s, after such a stamp in which those by the old clock do not count either: if the way has become quicker, they
 are older than they seem."""
@@ -45,7 +42,7 @@ class RangeReader:
         self._settings = settings
         self._noise = noise
         self._kind = RANGING_MESSAGES[settings.message]
-        self.clock = RemoteClock(slower, wrap=self._kind.stamp_wrap if settings.stamp == "sensor" else None)
+        self.clock = StampFilter(slower, wrap=self._kind.stamp_wrap if settings.stamp == "sensor" else None)
         """The sensor's clock, on which its range rates are, too."""
         self.sources = RangeSources(self._kind, settings)
         self.trusted: Sender | None = None
@@ -201,31 +198,28 @@ class RangeReader:
         return silent and not self.sender_stays
 
     def _order(self, reading: Reading, stamp: float, now: float) -> Reject | None:
-        """Why a reading is not a newer measurement than the last, or None."""
+        """Return why a reading is not a newer measurement than the last, or None."""
         clock, settings = self.clock, self._settings
         if clock.newest is None:
             return None
-        step, ahead = stamp - clock.newest, clock.ahead(stamp, now)
-        future = self._taken > KNOWN_AFTER and FUTURE < ahead <= EPOCH_JUMP
-        if future:
+        most_ahead = FUTURE if self._taken > KNOWN_AFTER else JUMP
+        if most_ahead < clock.ahead(stamp, now) <= JUMP:
             self._ahead_at = now
-        if future or step <= -EPOCH_JUMP or ahead > EPOCH_JUMP:
-            # of another clock: followed when the next one agrees with it, a glitch must not reset us; and when no range
-            # came by the old clock meanwhile, which a looped route does not silence
-            anew = clock.set_anew(stamp, now, within=EPOCH_JUMP)
-            if not anew or now - clock.newest_at < MISSED / settings.rate_hz:
-                return Reject.STAMP_JUMP
+        # A looped route does not silence the sensor: a new clock waits until ranges by the old one have failed to come.
+        order = clock.order(stamp, now, most_ahead=most_ahead, steady=JUMP, patience=MISSED / settings.rate_hz)
+        if order is Order.RESTARTED:
             self._begin_anew()
             return None
+        if order is Order.JUMPED:
+            return Reject.STAMP_JUMP
         if now - self._ahead_at < DOUBT:
             clock.newest_at = now
             return Reject.CLOCK
-        clock.on_line()
-        if step < 0:
+        if order is Order.OLDER:
             return Reject.OLDER
         again = reading.sequence is not None and reading.sequence == self._sequence and now - clock.newest_at < 10
-        resent = settings.resent and reading.slant == self.slant and step < 0.9 / settings.rate_hz
-        return Reject.REPEAT if step == 0 or again or resent else None
+        resent = settings.resent and reading.slant == self.slant and stamp - clock.newest < 0.9 / settings.rate_hz
+        return Reject.REPEAT if order is Order.REPEATED or again or resent else None
 
     def _begin_anew(self) -> None:
         """Another clock, or another sensor: what was known of the old one says nothing of it."""

@@ -74,7 +74,6 @@ class InTheAir:
         if seen.arrived[i]:
             sample = RangeSample(now, now, float(seen.z[i]), float(seen.sigma[i]))
             self.newest[i] = self.newest[i] if estimator.observe(sample) is Fused.GATED else now
-            estimator.drift.bank.search()  # the batch searches at once
         estimate, pending = estimator.at(now), under_way.at(now, self.answer, float(seen.turn_rate[i]))
         if estimator.ready and now - self.newest[i] < STALE + 1e-6:
             command = steer(estimate, 0.0, pending).turn_rate

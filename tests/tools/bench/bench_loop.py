@@ -3,10 +3,12 @@
     python -m tests.tools.bench.bench_loop [--seconds 120]
 
 1. Range datagram in to setpoint datagram out over UDP. `circnav fly` under `auto` and `smooth`, each in a process of
-   its own, and the least that pymavlink can do hear the quickstart's flight again in real time, in turn: attitudes,
-   accelerations, airspeed, heartbeats and ranges at the rates that circnav asks for. Questions for the time are
-   answered.
-2. What a range and a tick cost between the bytes and the setpoint, without sockets, and the processor's time of 600 s
+   its own, and the least that pymavlink can do receive the quickstart's flight again in real time, in turn: attitudes,
+   accelerations, airspeed, heartbeats and ranges at the rates that circnav requests. Questions for the time are
+   answered. Aim: at most 12 (`auto`) and 6 (`smooth`) times the median of the bare loop.
+2. The same with ranges at 20 Hz and ATTITUDE at 25 Hz, each law alone on a quarter of one core: a control group grants
+   2.5 ms in 10 ms. Aim: 99 % within half a tick, 25 ms. Needs the right to make a control group (root).
+3. What a range and a tick cost between the bytes and the setpoint, without sockets, and the processor's time of 600 s
    of flight, in lockstep with the vehicle (which is counted, too) and without.
 """
 
@@ -19,14 +21,17 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 from circnav_sim.faults.frames import frames, message_id
 from pymavlink.dialects.v20 import all as dialect
 
+from circnav_mav.mav.autopilots.table import AUTOPILOTS
 from circnav_mav.pilot import VEHICLE
 from tests.flight.lockstep import SETPOINT_IDS, Flight, flight
 from tests.frames import read
@@ -43,9 +48,15 @@ PATIENCE = 0.03
 """Time, s, for which an answer is waited for: the next listener is due."""
 STARTING = 30.0
 GOES_ON = ("limits.duration_s=1e6", "sim.truth.rate_hz=0")
+QUARTER, PERIOD_US = 0.25, 10_000
+"""Share of one core, and time, us, in which it is granted: a whole core of a quarter of the speed, nearly."""
+HALF_TICK = 0.025
+FAST = ("ranging.rate_hz=20.0", "sim.ranging.rate_hz=20.0")
+FAST_ATTITUDE = {dialect.MAVLINK_MSG_ID_ATTITUDE: 25.0}
+CGROUPS = Path("/sys/fs/cgroup")
 
 
-def recorded(law: str, seconds: float) -> list[tuple[float, bytes]]:
+def recorded(law: str, seconds: float, *overrides: str) -> list[tuple[float, bytes]]:
     """What the vehicle sends in a flight under a law, with its times, s."""
     heard: list[tuple[float, bytes]] = []
 
@@ -54,7 +65,7 @@ def recorded(law: str, seconds: float) -> list[tuple[float, bytes]]:
             heard.append((now, frame))
         return True
 
-    flown = flight("quickstart", *GOES_ON, law=law)
+    flown = flight("quickstart", *GOES_ON, *overrides, law=law)
     flown.hears = hears
     flown.fly(seconds)
     return heard
@@ -70,6 +81,7 @@ class Listener:
     process: "subprocess.Popen[bytes] | mp.Process | None" = None
     address: tuple[str, int] | None = None
     steers: bool = False
+    patience: float = PATIENCE
     latencies: list[float] = field(default_factory=list)
     missed: int = 0
 
@@ -107,7 +119,7 @@ class Listener:
         began = time.perf_counter()
         self.link.sendto(frame, self.address)
         steers, self.steers = self.steers, False
-        while steers and select.select([self.link], [], [], PATIENCE)[0]:
+        while steers and select.select([self.link], [], [], self.patience)[0]:
             if self.take():
                 return time.perf_counter() - began
         return None
@@ -134,18 +146,42 @@ def bare_loop(port: int) -> None:
                 link.sendto(setpoint.pack(writer), source)
 
 
-def start(name: str, seconds: float, folder: Path) -> Listener:
+def start(name: str, seconds: float, folder: Path, *overrides: str) -> Listener:
     """A listener in a process of its own."""
     law = "smooth" if name == BARE else name
-    here = Listener(name, recorded(law, seconds), socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+    here = Listener(name, recorded(law, seconds, *overrides), socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
     if name == BARE:
         here.process = mp.Process(target=bare_loop, args=(here.port,), daemon=True)
         here.process.start()
         return here
     command = [sys.executable, "-m", "circnav_mav", "fly", str(MISSION), "--out", str(folder / name)]
     command += ["--endpoint", f"udpout:127.0.0.1:{here.port}", "--duration", "1e6", "--set", f'guidance.law="{law}"']
+    command += [part for override in overrides for part in ("--set", override)]
     here.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL)
     return here
+
+
+@contextmanager
+def limited(share: float) -> Iterator[Callable[[int], None]]:
+    """Yield a function that limits a process, by its id, to a share of one core. Raises OSError."""
+    second = (CGROUPS / "cgroup.controllers").exists()
+    group = (CGROUPS if second else CGROUPS / "cpu") / f"circnav-bench-{time.monotonic_ns()}"
+    group.mkdir()
+    try:
+        quota = round(share * PERIOD_US)
+        if second:
+            (group / "cpu.max").write_text(f"{quota} {PERIOD_US}")
+        else:
+            (group / "cpu.cfs_period_us").write_text(str(PERIOD_US))
+            (group / "cpu.cfs_quota_us").write_text(str(quota))
+        yield lambda process: (group / "cgroup.procs").write_text(str(process)) and None
+    finally:
+        for _ in range(50):
+            try:
+                group.rmdir()
+                break
+            except OSError:  # until its processes have ended
+                time.sleep(0.1)
 
 
 def play(listeners: list[Listener]) -> None:
@@ -200,13 +236,41 @@ def latency_table(seconds: float) -> None:
         )
 
 
+def quarter_table(seconds: float) -> None:
+    """Fly each law alone on a quarter of a core, and print."""
+    print(f"the same on {QUARTER:g} of one core, ranges at 20 Hz, ATTITUDE at 25 Hz, milliseconds")
+    for law in LAWS:
+        try:
+            with tempfile.TemporaryDirectory() as folder, limited(QUARTER) as limit:
+                with patch.dict(AUTOPILOTS["ardupilot", "copter"].firmware.streams, FAST_ATTITUDE):
+                    one = start(law, SETTLING + seconds, Path(folder), *FAST)
+                try:
+                    assert one.process is not None and one.process.pid is not None
+                    one.patience = 10 * HALF_TICK
+                    limit(one.process.pid)
+                    play([one])
+                finally:
+                    one.close()
+                    time.sleep(0.2)
+        except OSError as error:
+            print(f"{law:<16}not measured: no control group ({error})")
+            continue
+        times = one.latencies + one.missed * [np.inf]
+        p50, p99, worst = (1e3 * value for value in np.percentile(times or [np.nan], [50, 99, 100], method="lower"))
+        grade = "within" if p99 < 1e3 * HALF_TICK else "NOT WITHIN"
+        print(
+            f"{law:<16}median {p50:.1f}, 99 % {p99:.1f} ({grade} {1e3 * HALF_TICK:.0f}), worst {worst:.1f}; "
+            f"{len(one.latencies)} ranges ({one.missed} without answer)"
+        )
+
+
 class Stopwatch:
-    """Notes how long the pilot of a flight takes from the bytes of a range, or the tick, to its answer, s."""
+    """Notes how long the pilot of a flight takes from the bytes of a range, or the tick, to its setpoint, s."""
 
     def __init__(self, flown: Flight) -> None:
         self._pilot = pilot = flown.pilot
-        self._receive, self._answer = pilot.receive, pilot.answer
-        pilot.receive, pilot.answer = self.receive, self.answer  # type: ignore[method-assign]
+        self._receive, self._step = pilot.receive, pilot.step
+        pilot.receive, pilot.step = self.receive, self.step  # type: ignore[method-assign]
         self.ranges: list[float] = []
         self.ticks: list[float] = []
         self.all = self._heard = 0.0
@@ -217,14 +281,18 @@ class Stopwatch:
         self._heard = time.perf_counter() - began
         self.all += self._heard
 
-    def answer(self, now: float) -> bytes:
+    def step(self, now: float, send: Callable[[bytes], bool]) -> None:
         fresh, began = self._pilot.tracker.fresh, time.perf_counter()
-        out = self._answer(now)
-        took = time.perf_counter() - began
-        self.all += took
-        if out and message_id(out) in SETPOINT_IDS and now > SETTLING:
-            (self.ranges if fresh else self.ticks).append(took + fresh * self._heard)
-        return out
+
+        def sends(data: bytes) -> bool:
+            if message_id(data) in SETPOINT_IDS:
+                took = time.perf_counter() - began
+                self.all += took
+                if now > SETTLING:
+                    (self.ranges if fresh else self.ticks).append(took + fresh * self._heard)
+            return send(data)
+
+        self._step(now, sends)
 
 
 def mission_cpu(law: str) -> None:
@@ -237,7 +305,7 @@ def mission_cpu(law: str) -> None:
     of_range, of_tick = (1e6 * np.percentile(times, [50, 99]) for times in (watch.ranges, watch.ticks))
     print(
         f"{law:<8} bytes to setpoint: range {of_range[0]:.0f} us, 99 % {of_range[1]:.0f} us; tick {of_tick[0]:.0f} us, "
-        f"99 % {of_tick[1]:.0f} us; 600 s: {took:.2f} s of CPU, of it the pilot until it answers {watch.all:.2f} s"
+        f"99 % {of_tick[1]:.0f} us; 600 s: {took:.2f} s of CPU, of it the pilot up to its setpoints {watch.all:.2f} s"
     )
 
 
@@ -248,6 +316,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if options.seconds:
         latency_table(options.seconds)
+        quarter_table(options.seconds)
     for law in LAWS:
         mission_cpu(law)
     return 0

@@ -21,7 +21,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import Pilot
 from tests.flight.lockstep import CONFIG, true_radius
-from tests.frames import sender
+from tests.frames import output, sender
 from tests.tools.faults.cell import FRESH, LAW, Scenario, Verdict, Want, fly
 from tests.tools.faults.course import PATIENT, SOURCE, Course
 from tests.tools.faults.scenarios.signing import BOTH
@@ -247,7 +247,7 @@ def second_circnav(*overrides: str) -> Callable[[Course, int], None]:
             return [(way, data)]
 
         def steer(now: float) -> list[Passage]:
-            sent = frames(second.step(now - start))
+            sent = frames(output(second, now - start))
             second.take_frames(), second.take_records()
             return [(UP, frame) for frame in sent]
 

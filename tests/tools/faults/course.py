@@ -23,6 +23,7 @@ from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot, TickRecord
 from circnav_mav.pilot.mission_state import STEERING, Phase
 from tests.flight.lockstep import CONFIG, UNIX, clockwise_turns, true_radius
+from tests.frames import output
 from tests.tools.faults.judge import GUIDED, Allowed, Witness, broken_rule, is_heartbeat, is_safe, is_setpoint
 
 PATIENT = ("limits.hold_s=70.0", "limits.duration_s=100000.0")
@@ -205,7 +206,7 @@ class Course:
 
     def _answer(self) -> bytes:
         pilot = self.pilot
-        out = pilot.step(self.clock(self.now))
+        out = output(pilot, self.clock(self.now))
         pilot.take_frames()
         records = pilot.take_records()
         self.ticks += records

@@ -22,6 +22,7 @@ from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot
 from circnav_mav.pilot.mission_state import Phase
 from tests.flight.lockstep import CONFIG
+from tests.frames import output
 from tests.rig import beacon, distance
 from tests.tools.faults.judge import Allowed, broken_rule, is_setpoint
 
@@ -103,7 +104,7 @@ class Target:
     def step(self) -> None:
         """One step of the pilot, its output judged."""
         began = time.perf_counter()
-        out = self.pilot.step(self.now)
+        out = output(self.pilot, self.now)
         self.slowest = max(self.slowest, time.perf_counter() - began)
         self.pilot.take_records()
         self.counts["engaged steps"] += self.pilot.mission.phase is Phase.ENGAGED

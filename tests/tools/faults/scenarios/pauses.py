@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from tests.frames import read, rewritten
+from tests.frames import output, read, rewritten
 from tests.tools.faults.cell import Scenario, Want
 from tests.tools.faults.course import Course
 from tests.tools.faults.tampering import on
@@ -17,7 +17,7 @@ def vehicle_pauses(course: Course, seconds: float) -> None:
     """Its clock stands still and nothing comes; what we say waits for it. For us time goes on."""
     before, since = course.clock, course.clock(course.now)
     for n in range(1, round(seconds / STEP)):
-        course.vehicle.receive(course.pilot.step(since + n * STEP))
+        course.vehicle.receive(output(course.pilot, since + n * STEP))
     course.clock = lambda now: before(now) + seconds
 
 
