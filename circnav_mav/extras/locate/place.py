@@ -1,6 +1,6 @@
 """The place of the target as the estimator tells it, in metres on a plane and in degrees."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import atan2, cos, degrees, hypot, radians, sin
 from typing import Any
 
@@ -56,10 +56,11 @@ class Place:
 
     covariance: (2, 2) of east and north, m^2, the vehicle's own position error included. up_sigma: m. up_known: whether
     the height is observed (or was given); else it is no more than the prior. velocity: m/s east and north, zero of a
-    target that does not move as far as anybody can tell; velocity_sigma: None then. bias: m, range measured too long;
-    delay: s by which positions are older than ranges of the same stamp. noise: standard deviation of the ranges about
-    the model, m. used, outliers: ranges. range_scale: their median, m. bias_prior: standard
-    deviation of the bias as it was expected, m.
+    target that does not move as far as anybody can tell; velocity_sigma: None then. bias, scale: error of the radio: a
+    range is measured bias (m) + scale times its length too long. radio_covariance: (2, 2) of bias and scale.
+    radio_prior: their standard deviations before the ranges. delay: s by which positions are older than ranges of the
+    same stamp. noise: standard deviation of the ranges about the model, m. used, outliers: ranges. range_scale: their
+    median, m.
     """
 
     time: float
@@ -71,7 +72,9 @@ class Place:
     up_sigma: float
     up_known: bool
     bias: float = 0.0
-    bias_sigma: float = 0.0
+    scale: float = 0.0
+    radio_covariance: Array = field(default_factory=lambda: np.zeros((2, 2)))
+    radio_prior: tuple[float, float] = (2.0, 0.001)
     delay: float = 0.0
     delay_sigma: float = 0.0
     noise: float = 0.0
@@ -80,7 +83,6 @@ class Place:
     velocity: tuple[float, float] = (0.0, 0.0)
     velocity_sigma: float | None = None
     range_scale: float = 100.0
-    bias_prior: float = 2.0
 
     @property
     def latitude(self) -> float:
@@ -103,6 +105,26 @@ class Place:
     def sigma(self) -> float:
         """Standard deviation along the major axis, m."""
         return self.ellipse.major / CHI95
+
+    @property
+    def bias_sigma(self) -> float:
+        """Standard deviation of the radio's bias, m."""
+        return float(self.radio_covariance[0, 0]) ** 0.5
+
+    @property
+    def scale_sigma(self) -> float:
+        """Standard deviation of the radio's scale error."""
+        return float(self.radio_covariance[1, 1]) ** 0.5
+
+    @property
+    def scale_known(self) -> bool:
+        """True if the ranges separate scale and bias. Ranges of one length show only their sum."""
+        return self.scale_sigma < self.radio_prior[1] / 2
+
+    def range_error(self, length: float) -> tuple[float, float]:
+        """Return by how much a range of this length (m) is measured too long, and the standard deviation, m."""
+        slope = np.array([1.0, length])
+        return self.bias + self.scale * length, float(slope @ self.radio_covariance @ slope) ** 0.5
 
     @property
     def moves(self) -> bool:
@@ -153,6 +175,8 @@ class Place:
             "speed_sigma_mps": None if self.velocity_sigma is None else round(self.velocity_sigma, 2),
             "range_bias_m": round(self.bias, 2),
             "range_bias_sigma_m": round(self.bias_sigma, 2),
+            "range_scale": round(1 + self.scale, 5),
+            "range_scale_sigma": round(self.scale_sigma, 5),
             "position_delay_s": round(self.delay, 3),
             "position_delay_sigma_s": round(self.delay_sigma, 3),
             "range_noise_m": round(self.noise, 2),
