@@ -200,11 +200,14 @@ class Mission:
         return frozenset(LINKS if accepted else ())
 
     def _ranging(self) -> RangingSettings:
-        given = self.file.ranging.model_dump(exclude={"endpoint"}) | {"max_range_m": self.max_range}
+        calibration = {"scale", "bias_m", "delay_s", "points_m"}
+        given = self.file.ranging.model_dump(exclude={"endpoint", *calibration}) | {"max_range_m": self.max_range}
         if given["beacon_id"] is None and not self.ranging_driver:
             given["beacon_id"] = 0  # a driver's beacons are senders of their own: without an id the first heard counts
         most = max(MOST_NOISE * min(self.radii), 3 * self.file.ranging.sigma_m)
-        return RangingSettings(**given, max_age=self.file.limits.stale_s, max_sigma=most)
+        return RangingSettings(
+            **given, max_age=self.file.limits.stale_s, max_sigma=most, calibration=self.file.ranging.calibration
+        )
 
     def _facts(self) -> VehicleFacts:
         vehicle = self.file.vehicle

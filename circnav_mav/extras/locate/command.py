@@ -10,7 +10,7 @@ from circnav_mav.cli.exits import Exit, Refused, refusing
 from circnav_mav.extras.locate.estimator import Knowledge, NotYet, locate
 from circnav_mav.extras.locate.export import geojson, kml
 from circnav_mav.extras.locate.map_picture import plot_map
-from circnav_mav.extras.locate.place import NOT_OBSERVABLE, Place, Plane
+from circnav_mav.extras.locate.place import NO_SCALE, NOT_OBSERVABLE, Place, Plane
 from circnav_mav.extras.locate.range_log import EmptyLogError, RangeLog, read_log
 from circnav_mav.mission.load import MissionError, load_mission
 from circnav_mav.mission.mission import Mission
@@ -90,7 +90,11 @@ def _say(place: Place, known: Knowledge) -> None:
     )
     if not place.up_known:
         click.echo(f"  height     {NOT_OBSERVABLE}")
-    click.echo(f"  ranges     noise {place.noise:.2f} m, bias {place.bias:+.2f} +-{place.bias_sigma:.2f} m")
+    error, sigma = place.range_error(place.range_scale)
+    at = f"{error:+.2f} +-{sigma:.2f} m too long at {place.range_scale:.0f} m"
+    scale = f"scale {1 + place.scale:.4f} +-{place.scale_sigma:.4f}, bias {place.bias:+.2f} +-{place.bias_sigma:.2f} m"
+    click.echo(f"  ranges     noise {place.noise:.2f} m; {at}")
+    click.echo(f"  radio      {scale if place.scale_known else f'bias {place.bias:+.2f} +-{place.bias_sigma:.2f} m, {NO_SCALE}'}")
     late = f"positions are stamped {place.delay:+.2f} +-{place.delay_sigma:.2f} s later than ranges"
     known_clocks = place.delay_sigma < known.delay_sigma
     click.echo(f"  clocks     {late if known_clocks else 'offset not observable: the distance hardly changes'}")

@@ -68,6 +68,8 @@ HEIGHT_SIGMA = 5.0
 """Standard deviation, m, of a height that the mission gives: a barometer's drift and an operator's guess."""
 HOME_SIGMA = 50.0
 """Of the height of a target of which nothing is said, above home, m."""
+RADIUS_OFF, RADIUS_SIGMAS = 0.02, 3.0
+"""Share of the radius, and standard deviations, by which the true radius must differ for an alarm."""
 FRESH_RANGE = 2.0
 """Age, s, up to which ranges tell where the vehicle is."""
 
@@ -123,6 +125,8 @@ class Locator:
         """Whether nothing is given beyond the end of guidance."""
         self._now = 0.0
         self.cot_due = False
+        self.radius_alarm = ""
+        """By how much the radio errs on the circle, and the true radius; empty if it is right as far as known."""
 
     # --- in ---------------------------------------------------------------------------------------------------------
 
@@ -211,7 +215,7 @@ class Locator:
             sigma = hypot(there.sigma, self._gps_sigma, tracker.newest.sigma)
             height = tracker.height.at(now)
             flat = hypot(*way) if height is not None else hypot(*way, there.up - up)
-            range_off = tracker.newest.r - flat - place.bias, sigma
+            range_off = tracker.newest.r - flat - place.range_error(flat)[0], sigma
             relative = self._relative(time)
             if relative is not None and hypot(*way) > 10:
                 off = angle_between((-relative.x, -relative.y), way)
@@ -255,8 +259,24 @@ class Locator:
         """The answer to a job. What was found before stays where nothing is found now."""
         if isinstance(place, Place):
             self.place = place
+            self._compare_radius(place)
         else:
             self.why = place.why
+
+    def _compare_radius(self, place: Place) -> None:
+        """Compare the radius by the ranges with that by the positions. The radius flown stays that by the ranges."""
+        radius, height = self._pilot.controller.orbit.radius, self._pilot.tracker.height.at(place.time) or 0.0
+        slant = hypot(radius, height)
+        error, sigma = place.range_error(slant)
+        true = (slant - place.bias) / (1 + place.scale)
+        off = radius - max(true**2 - height**2, 0.0) ** 0.5
+        before, self.radius_alarm = self.radius_alarm, ""
+        if abs(off) > RADIUS_OFF * radius and abs(error) > RADIUS_SIGMAS * sigma:
+            which = "long" if error > 0 else "short"
+            share = f"{100 * abs(error) / true:.0f} %" if true > 0 else f"{abs(error):.1f} m"
+            self.radius_alarm = f"ranges {share} {which}: true radius {radius - off:.1f} m"
+            if not before:
+                self._announcer.say("radius", self.radius_alarm, severity=dialect.MAV_SEVERITY_WARNING)
 
     # --- out --------------------------------------------------------------------------------------------------------
 

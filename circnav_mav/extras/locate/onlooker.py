@@ -85,6 +85,8 @@ class Locating(Onlooker):
         found = [f"SURVEY: {locator.problem}"] if locator.problem else []
         if locator.watch.alarm:
             found.append(f"GPS WATCH: {locator.watch.alarm}")
+        if locator.radius_alarm:
+            found.append(f"RANGING: {locator.radius_alarm}. Calibrate: circnav ranging calibrate RUN")
         if locator.handback and locator.handback.words:
             found.append(f"HAND-BACK: {locator.handback.words}")
         return found
@@ -107,6 +109,7 @@ class Locating(Onlooker):
         found = {
             "place": None if place is None else place.plain(),
             "gps_watch": [{"time_s": round(time, 1), "text": text} for time, text in locator.watch.told],
+            "radius_alarm": locator.radius_alarm or None,
             "handback": None if handback is None else handback.plain(),
         }
         summary |= found

@@ -195,3 +195,4 @@ class Place:
 
 
 NOT_OBSERVABLE = "not observable: one circle cannot tell it from a range bias; fly a second radius or height"
+NO_SCALE = "no scale found: the ranges fit a radio that measures true meters"
