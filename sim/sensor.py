@@ -58,9 +58,10 @@ class RangeSensor:
         table = self._config.table_m
         if len(table) < 2:
             return self._config.scale * true_range + self._config.bias_m
-        for (x0, y0), (x1, y1) in zip(table[:-1], table[1:], strict=True):
-            if true_range < x1:
-                break
+        at = 0
+        while at < len(table) - 2 and true_range >= table[at + 1][0]:
+            at += 1
+        (x0, y0), (x1, y1) = table[at : at + 2]
         return y0 + (true_range - x0) * (y1 - y0) / (x1 - x0)
 
     def measure(self, true_range: float, now: int) -> Sample | None:

@@ -83,7 +83,9 @@ def _calibration(mission: Mission) -> Iterator[Check]:
     points = calibration.points
     if points and not points[0][0] <= slant <= points[-1][0]:
         span = f"{points[0][0]:g} to {points[-1][0]:g} m"
-        yield Check(WARN, "calibration", f"ranging.points_m covers {span}, the circle is at {slant:.1f} m: measure there")
+        yield Check(
+            WARN, "calibration", f"ranging.points_m covers {span}, the circle is at {slant:.1f} m: measure there"
+        )
 
 
 def _sampling(mission: Mission) -> Iterator[Check]:

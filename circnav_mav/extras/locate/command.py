@@ -4,10 +4,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import click
-import numpy as np
 
 from circnav_mav.cli.exits import Exit, Refused, refusing
-from circnav_mav.extras.locate.estimator import Knowledge, NotYet, locate
+from circnav_mav.extras.locate.estimator import Knowledge, NotYet, locate_as_it_shows
 from circnav_mav.extras.locate.export import geojson, kml
 from circnav_mav.extras.locate.map_picture import plot_map
 from circnav_mav.extras.locate.place import NO_SCALE, NOT_OBSERVABLE, Place, Plane
@@ -68,11 +67,7 @@ def _one(log: RangeLog, plane: Plane, tag: str, sigma: float | None, known: Know
     """A tag, with what is known of it printed."""
     ranges, said = log.of(tag, sigma)
     track, known = log.track(plane), replace(known, sigma_known=said)
-    if not said:  # how good the ranges are shows in the fit: once roughly, and then by what was found
-        rough = locate(plane, track, replace(ranges, sigma=ranges.sigma * 10), known)
-        if isinstance(rough, Place):
-            ranges = replace(ranges, sigma=np.full(len(ranges.r), max(rough.noise, 0.01)))
-    place = locate(plane, track, ranges, known)
+    place = locate_as_it_shows(plane, track, ranges, known)
     click.echo(f"{tag}: {len(ranges.r)} ranges")
     if isinstance(place, NotYet):
         click.echo(f"  WARNING    not located: {place.why}")
@@ -92,9 +87,10 @@ def _say(place: Place, known: Knowledge) -> None:
         click.echo(f"  height     {NOT_OBSERVABLE}")
     error, sigma = place.range_error(place.range_scale)
     at = f"{error:+.2f} +-{sigma:.2f} m too long at {place.range_scale:.0f} m"
-    scale = f"scale {1 + place.scale:.4f} +-{place.scale_sigma:.4f}, bias {place.bias:+.2f} +-{place.bias_sigma:.2f} m"
+    bias = f"bias {place.bias:+.2f} +-{place.bias_sigma:.2f} m"
+    scale = f"scale {1 + place.scale:.4f} +-{place.scale_sigma:.4f}" if place.scale_known else NO_SCALE
     click.echo(f"  ranges     noise {place.noise:.2f} m; {at}")
-    click.echo(f"  radio      {scale if place.scale_known else f'bias {place.bias:+.2f} +-{place.bias_sigma:.2f} m, {NO_SCALE}'}")
+    click.echo(f"  radio      {bias}, {scale}")
     late = f"positions are stamped {place.delay:+.2f} +-{place.delay_sigma:.2f} s later than ranges"
     known_clocks = place.delay_sigma < known.delay_sigma
     click.echo(f"  clocks     {late if known_clocks else 'offset not observable: the distance hardly changes'}")

@@ -144,6 +144,15 @@ def _locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: 
     return place if place.speed > max(np.sqrt(MOVING) * (place.velocity_sigma or 0.0), SLOWEST) else still
 
 
+def locate_as_it_shows(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> Place | NotYet:
+    """Return the place. Ranges without a known noise get that of a first fit, with ten times their sigmas."""
+    if not known.sigma_known:
+        rough = locate(plane, track, replace(ranges, sigma=ranges.sigma * 10), known)
+        if isinstance(rough, Place):
+            ranges = replace(ranges, sigma=np.full(len(ranges.r), max(rough.noise, 0.01)))
+    return locate(plane, track, ranges, known)
+
+
 def _apart(track: Track, ranges: Ranges) -> str:
     """Where enough ranges came, and positions too, why they do not go together: clocks, or the unit of time."""
     if len(ranges.r) < LEAST or len(track.time) < 2:
@@ -293,9 +302,11 @@ class _Problem:
         radio = [BIAS, SCALE]
         return Place(
             time=self.end, plane=plane, east=float(x[E]), north=float(x[N]), up=float(x[U]),
-            covariance=covariance[:2, :2], up_sigma=float(sd[U]), up_known=bool(sd[U] <= UP_KNOWN and again.one_sided(last, float(sd[U]))),
+            covariance=covariance[:2, :2], up_sigma=float(sd[U]),
+            up_known=bool(sd[U] <= UP_KNOWN and again.one_sided(last, float(sd[U]))),
             bias=float(x[BIAS]), scale=float(x[SCALE]), radio_covariance=covariance[np.ix_(radio, radio)],
-            radio_prior=(self.known.bias_sigma, self.known.scale_sigma), delay=float(x[DELAY]), delay_sigma=float(sd[DELAY]),
+            radio_prior=(self.known.bias_sigma, self.known.scale_sigma),
+            delay=float(x[DELAY]), delay_sigma=float(sd[DELAY]),
             noise=noise, used=int(keep.sum()), outliers=int((~keep).sum()),
             velocity=velocity, velocity_sigma=float(max(sd[VE], sd[VN])) if self.moves else None,
             range_scale=float(np.median(self.ranges.r)),

@@ -109,12 +109,12 @@ class Place:
     @property
     def bias_sigma(self) -> float:
         """Standard deviation of the radio's bias, m."""
-        return float(self.radio_covariance[0, 0]) ** 0.5
+        return float(np.sqrt(self.radio_covariance[0, 0]))
 
     @property
     def scale_sigma(self) -> float:
         """Standard deviation of the radio's scale error."""
-        return float(self.radio_covariance[1, 1]) ** 0.5
+        return float(np.sqrt(self.radio_covariance[1, 1]))
 
     @property
     def scale_known(self) -> bool:
@@ -124,7 +124,7 @@ class Place:
     def range_error(self, length: float) -> tuple[float, float]:
         """Return by how much a range of this length (m) is measured too long, and the standard deviation, m."""
         slope = np.array([1.0, length])
-        return self.bias + self.scale * length, float(slope @ self.radio_covariance @ slope) ** 0.5
+        return self.bias + self.scale * length, float(np.sqrt(slope @ self.radio_covariance @ slope))
 
     @property
     def moves(self) -> bool:

@@ -1,7 +1,7 @@
 """Calibration of a ranging radio: from the range that it reports to the true one.
 
-`circnav ranging calibrate` measures the error of a radio, the mission carries it, and this module applies its inverse to
-each reading, once, before any other use. A position never changes it in flight.
+`circnav ranging calibrate` measures the error of a radio, the mission carries it, and this module applies its inverse
+to each reading, once, before any other use. A position never changes it in flight.
 """
 
 from bisect import bisect_right

@@ -75,8 +75,8 @@ def test_check_says_what_the_radio_reports_on_the_circle():
 def test_a_radio_that_errs_flies_the_true_circle_with_its_calibration_and_another_one_without(radio, mission):
     start = "sim.start.north_m=100", "sim.start.east_m=0", "sim.start.heading_deg=90"
     radii = []
-    for given in ((), mission):
-        flown = flight("quickstart", *start, *radio, *given).fly(80.0)
+    for keys in ((), mission):
+        flown = flight("quickstart", *start, *radio, *keys).fly(80.0)
         radii.append(sum(true_radius(one) for one in flown.truths[-400:]) / 400)
     assert abs(radii[0] - 100.0) > 2.0
     assert radii[1] == pytest.approx(100.0, abs=0.5)

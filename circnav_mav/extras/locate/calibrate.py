@@ -1,0 +1,244 @@
+"""`circnav ranging calibrate`: the error of a radio over its range, by a log with positions, and the mission's keys."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import click
+import numpy as np
+import tomlkit
+
+from circnav_mav.cli.exits import Exit, Refused, refusing
+from circnav_mav.extras.locate.estimator import (
+    CALIBRATED,
+    UNCALIBRATED,
+    Knowledge,
+    NotYet,
+    Ranges,
+    Track,
+    locate_as_it_shows,
+)
+from circnav_mav.extras.locate.place import Array, Place, Plane
+from circnav_mav.extras.locate.range_log import EmptyLogError, RangeLog, read_log
+from circnav_mav.mav.ranging.calibration import Calibration, rising
+from circnav_mav.mission.load import MissionError, load_mission
+from circnav_mav.mission.mission import Mission
+from circnav_mav.runlog.atomic_write import write_text
+from circnav_mav.runlog.run_folder import RunError
+
+BIAS, CLOCKS = 10.0, 0.1
+"""Standard deviations of an uncalibrated radio's bias, m, and of its delay, s: one recorder stamps both."""
+LEAST = 10
+"""Ranges in a bin below which it is left out."""
+BINS = 8
+"""Most bins of the error over range."""
+CURVED = 2.0
+"""Errors of a position by which a bin must lie off the straight line before a table replaces the line."""
+ROUNDS = 4
+"""Times that the place is found again with the table: each changes it less."""
+MISSION_HEIGHT = 0.1
+"""Standard deviation of the mission's height, m. The flight takes the same height off its ranges: an error of it goes
+into the calibration, and the circle has the true radius all the same."""
+LATE = 0.05
+"""Delay, s, below which it is left out: at 15 m/s it moves a range by less than the positions err."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bin:
+    """Ranges of about one length. true, error, spread: m."""
+
+    true: float
+    error: float
+    spread: float
+    count: int
+
+
+def calibrate_radio(
+    path: str, *, tag: str | None, sigma: float | None, gps_sigma: float, altitude: float | None, mission: str | None,
+    out: str | None,
+) -> int:  # fmt: skip
+    """Print and plot the error over range; write the keys. Raises Refused."""
+    source = Path(path)
+    with refusing(source):
+        flown = _mission(source / "mission.toml") if (source / "mission.toml").exists() else None
+        try:
+            log = read_log(source) if flown is None else read_log(source, flown.file.ranging.name)
+        except RunError as error:
+            raise Refused(str(error), Exit.NOTHING_HEARD if isinstance(error, EmptyLogError) else Exit.USAGE) from None
+        tag = _tag(log, tag, source)
+        plane = log.plane()
+        track, (ranges, said) = log.track(plane), log.of(tag, sigma)
+        up, up_sigma = _target_height(track, altitude, flown)
+        known = Knowledge(
+            up=up, up_sigma=up_sigma, gps_sigma=gps_sigma, bias_sigma=BIAS, scale_sigma=UNCALIBRATED,
+            delay_sigma=CLOCKS, sigma_known=said,
+        )  # fmt: skip
+        found = measure(plane, track, ranges, known)
+        if isinstance(found, NotYet):
+            raise Refused(f"{source}: {tag}: the beacon was not located: {found.why}", Exit.NOTHING_HEARD)
+        place, calibration, errors = found
+        _say(tag, place, calibration, _bins(*errors))
+        lines = keys_of(calibration)
+        folder = Path(out) if out else source if source.is_dir() else source.parent
+        folder.mkdir(parents=True, exist_ok=True)
+        name = folder / ("calibration" if source.is_dir() else f"{source.stem}.calibration")
+        write_text(name.with_name(f"{name.name}.toml"), "[ranging]\n" + "".join(f"{line}\n" for line in lines))
+        _plot(name.with_name(f"{name.name}.png"), calibration, errors, tag)
+        click.echo("[ranging]")
+        for line in lines:
+            click.echo(line)
+        click.echo(f"  written    {name}.toml, .png")
+        if mission is not None:
+            write_into(Path(mission), calibration)
+            click.echo(f"  written    into {mission}: the next flight uses it")
+    return Exit.DONE
+
+
+def measure(
+    plane: Plane, track: Track, ranges: Ranges, known: Knowledge
+) -> tuple[Place, Calibration, tuple[Array, Array]] | NotYet:
+    """Return the place of the beacon, the calibration, and the true lengths with their errors, m."""
+    place = locate_as_it_shows(plane, track, ranges, known)
+    if isinstance(place, NotYet):
+        return place
+    delay = round(-place.delay, 3) if abs(place.delay) > max(3 * place.delay_sigma, LATE) else 0.0
+    errors = _errors(place, track, ranges)
+    if not place.scale_known:  # on one radius any scale fits, with a bias to it
+        return place, Calibration(1.0, round(place.range_error(place.range_scale)[0], 2), delay), errors
+    linear = Calibration(round(1 + place.scale, 5), round(place.bias, 2), delay)
+    bins = _bins(*errors)
+    off = [abs(one.error - place.range_error(one.true)[0]) - 3 * one.spread / one.count**0.5 for one in bins]
+    if max(off, default=0.0) <= CURVED * known.gps_sigma:
+        return place, linear, errors
+    # The radio is not linear. The place by the line is a little off, and so is the table by that place: with each
+    # round both improve, as the circle gives the place whatever a radio adds on it. The delay stays: on a straight
+    # approach it and a bias of the far ranges are one, and together they would run away.
+    track = replace(track, time=track.time - place.delay)
+    settled = replace(known, bias_sigma=1.0, scale_sigma=CALIBRATED, delay_sigma=0.001)
+    calibration, best = linear, place
+    for _ in range(ROUNDS):
+        points = tuple((round(one.true, 1), round(one.true + one.error, 2)) for one in bins)
+        if not rising(points):
+            return place, linear, errors
+        calibration = Calibration(points=points, delay=delay)
+        true, slope = np.array([calibration.true(r) for r in ranges.r]).T
+        kept = true > 0
+        corrected = Ranges(ranges.time[kept], true[kept], (ranges.sigma * slope)[kept])
+        again = locate_as_it_shows(plane, track, corrected, settled)
+        if isinstance(again, NotYet):
+            return place, linear, errors
+        best = again
+        bins = _bins(*_errors(best, track, ranges))
+    return best, calibration, _errors(best, track, ranges)
+
+
+def keys_of(calibration: Calibration) -> list[str]:
+    """Return the lines of [ranging] that carry a calibration."""
+    return [f"{key} = {value}" for key, value in _keys(calibration).items()]
+
+
+def write_into(file: Path, calibration: Calibration) -> None:
+    """Write a calibration into a mission file, whose comments and other keys stay. Raises Refused, OSError."""
+    _mission(file)
+    document = tomlkit.parse(file.read_text(encoding="utf-8"))
+    table = document["ranging"]
+    assert isinstance(table, tomlkit.items.Table)
+    for key in ("scale", "bias_m", "delay_s", "points_m"):
+        table.pop(key, None)
+    for key, value in _keys(calibration).items():
+        table[key] = value
+    write_text(file, tomlkit.dumps(document))
+    _mission(file)
+
+
+def _keys(calibration: Calibration) -> dict[str, float | list[list[float]]]:
+    if calibration.points:
+        keys: dict[str, float | list[list[float]]] = {"points_m": [list(point) for point in calibration.points]}
+    else:
+        keys = {"scale": calibration.scale, "bias_m": calibration.bias}
+    return keys | ({"delay_s": calibration.delay} if calibration.delay else {})
+
+
+def _mission(file: Path) -> Mission:
+    with refusing(file, MissionError):
+        return load_mission(file)
+
+
+def _tag(log: RangeLog, tag: str | None, source: Path) -> str:
+    if tag is None and len(log.ranges) == 1:
+        return next(iter(log.ranges))
+    if tag not in log.ranges:
+        names = ", ".join(map(repr, log.ranges))
+        raise Refused(f"{source}: one radio at a time: give --tag, one of {names}")
+    return tag
+
+
+def _target_height(track: Track, altitude: float | None, mission: Mission | None) -> tuple[float, float]:
+    """Return the altitude of the beacon and its standard deviation, m: given, by the mission, or the lowest ground."""
+    if altitude is None and mission is not None:
+        above, altitude = mission.height.above_target, mission.height.target_altitude
+        altitude = float(np.median(track.up)) - above if altitude is None and above is not None else altitude
+    return (float(track.up.min()), 50.0) if altitude is None else (altitude, MISSION_HEIGHT)
+
+
+def _errors(place: Place, track: Track, ranges: Ranges) -> tuple[Array, Array]:
+    """Return the true length of each range by the positions, and by how much it was reported too long, m."""
+    inside = (ranges.time >= track.time[0]) & (ranges.time <= track.time[-1])
+    time = ranges.time[inside] + place.delay
+    way = [np.interp(time, track.time, part) for part in (track.east, track.north, track.up)]
+    true = np.sqrt((way[0] - place.east) ** 2 + (way[1] - place.north) ** 2 + (way[2] - place.up) ** 2)
+    return true, ranges.r[inside] - true
+
+
+def _bins(true: Array, error: Array) -> list[Bin]:
+    """Return the error over range in bins of even width: the median of each, as outliers are in it."""
+    width = max(float(np.ptp(true)), 1e-3) / BINS
+    at = np.minimum(((true - true.min()) / width).astype(int), BINS - 1)
+    found = []
+    for one in range(BINS):
+        these = at == one
+        if these.sum() >= LEAST:
+            middle = float(np.median(error[these]))
+            spread = 1.4826 * float(np.median(np.abs(error[these] - middle)))
+            found.append(Bin(float(np.median(true[these])), middle, spread, int(these.sum())))
+    return found
+
+
+def _say(tag: str, place: Place, calibration: Calibration, bins: Sequence[Bin]) -> None:
+    click.echo(f"{tag}: {place.used} ranges, noise {place.noise:.2f} m, beacon at {place.words()}")
+    click.echo("  true range     reported too long by    spread    ranges")
+    for one in bins:
+        click.echo(f"  {one.true:8.1f} m     {one.error:+10.2f} m        {one.spread:8.2f} m  {one.count:6d}")
+    error, sigma = place.range_error(place.range_scale)
+    if calibration.points:
+        click.echo("  radio      not linear: a table of points")
+    elif place.scale_known:
+        scale = f"scale {1 + place.scale:.4f} +-{place.scale_sigma:.4f}"
+        click.echo(f"  radio      {scale}, bias {place.bias:+.2f} +-{place.bias_sigma:.2f} m")
+    else:
+        click.echo(
+            f"  radio      {error:+.2f} +-{sigma:.2f} m at {place.range_scale:.0f} m. Scale and bias not observable on "
+            "one radius: right for this radius only; fly the approach or a second radius as well"
+        )
+    if not place.up_known:
+        click.echo("  WARNING    the height of the beacon is not known and looks like a bias: give --altitude")
+
+
+def _plot(path: Path, calibration: Calibration, errors: tuple[Array, Array], tag: str) -> None:
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    from circnav_mav.report.plots import STYLE, literal, save
+
+    true, error = errors
+    line = np.linspace(0, float(true.max()), 200)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(8, 4.5), layout="constrained")
+        axis = figure.subplots()
+        axis.plot(true, error, ".", ms=2, alpha=0.4, label="ranges")
+        axis.plot(line, [calibration.reported(one) - one for one in line], color="#d55e00", label="calibration")
+        low, high = np.percentile(error, [1, 99])
+        axis.set(xlabel="true range, m", ylabel="reported too long by, m", ylim=(low - 2, high + 2))
+        axis.set_title(literal(f"{tag}: {calibration.describe()}"))
+        axis.legend(fontsize=8)
+        save(figure, path)
