@@ -102,7 +102,8 @@ class Ranging(Table):
 
     scale, bias_m: a range is reported as scale times its length plus bias_m. table_m: or by straight lines through
     points, each [true, reported], rising. rate_name: it also measures the range rate and sends it as a
-    NAMED_VALUE_FLOAT of that name. rate_noise_mps: white. rate_bias_mps: rms of the carrier's offset, which changes within a minute.
+    NAMED_VALUE_FLOAT of that name. rate_noise_mps: white. rate_bias_mps: rms of the carrier's offset, which changes
+    within a minute.
     """
 
     message: Literal["distance_sensor", "ranging_beacon", "named_value_float"] = "distance_sensor"

@@ -269,12 +269,13 @@ class Locator:
         slant = hypot(radius, height)
         error, sigma = place.range_error(slant)
         true = (slant - place.bias) / (1 + place.scale)
-        off = radius - max(true**2 - height**2, 0.0) ** 0.5
+        above = self._track[-1][3] - place.up if self._track else height
+        flown = max(true**2 - above**2, 0.0) ** 0.5
         before, self.radius_alarm = self.radius_alarm, ""
-        if abs(off) > RADIUS_OFF * radius and abs(error) > RADIUS_SIGMAS * sigma:
-            which = "long" if error > 0 else "short"
-            share = f"{100 * abs(error) / true:.0f} %" if true > 0 else f"{abs(error):.1f} m"
-            self.radius_alarm = f"ranges {share} {which}: true radius {radius - off:.1f} m"
+        if abs(radius - flown) > RADIUS_OFF * radius and abs(error) > RADIUS_SIGMAS * sigma:
+            share = slant / max(hypot(flown, height), 1.0) - 1
+            which = "long" if share > 0 else "short"
+            self.radius_alarm = f"ranges {100 * abs(share):.0f} % {which}: true radius {flown:.1f} m"
             if not before:
                 self._announcer.say("radius", self.radius_alarm, severity=dialect.MAV_SEVERITY_WARNING)
 

@@ -5,9 +5,9 @@
 
 Plaza 1 and 2 (Djugash and Singh, Carnegie Mellon University): a robot mower with an RTK receiver and a radio whose
 ranges are 7 % long, four surveyed beacons each. The data come in the `gtsam` wheel. Each method gets the ranges of one
-beacon as they were measured and the true path of the mower; the height is that of the path. All have a bias and a scale of the
-radio as states with the same prior, all start without an idea of the place. The first row has no scale, as GTSAM's own
-range factor. Sigma: along the long axis of the stated covariance. Inside: beacons in the 95 % ellipse.
+beacon as they were measured and the true path of the mower; the height is that of the path. All but the first row,
+GTSAM's own range factor, have a bias and a scale of the radio as states. All start without an idea of the place.
+Sigma: along the long axis of the stated covariance. Inside: beacons in the 95 % ellipse.
 """
 
 import argparse
