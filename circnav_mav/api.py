@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.guidance.step import LawChoice, compensate_turn_gain, limited, steering
-from circnav_mav.guidance.tuning import default_gain, loop_lag
+from circnav_mav.guidance.step import LawChoice, Steering, compensate_turn_gain, limited
+from circnav_mav.guidance.tuning import LawTuning
 from circnav_mav.guidance.turn_response import TurnAnswer
 from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, RangeSample, TurnCommand
 
@@ -28,8 +28,7 @@ def tune(
     """
     _known("law", law, LAWS)
     settings = EstimatorSettings(orbit.speed, orbit.max_turn_rate)
-    lag = loop_lag(turn_lag, settings, r_d=orbit.radius, sigma=sigma, period=1 / rate)
-    return LawChoice(law, default_gain(law, orbit.speed, orbit.radius, lag), lag=turn_lag)
+    return LawTuning(law, settings, turn_lag, sigma, 1 / rate).choice(orbit)
 
 
 class Guidance:
@@ -52,7 +51,7 @@ class Guidance:
         if isinstance(law, LawChoice):
             _known("law", law.name, LAWS)
             name, turn_lag = law.name, law.lag
-            self._steer: Callable[..., TurnCommand] = steering(orbit, law)
+            self._steer: Callable[..., TurnCommand] = Steering(orbit, law)
         else:
             name, self._steer = "", _own(law, orbit)
         self._orbit, self._stale = orbit, stale

@@ -1,4 +1,4 @@
-"""How an extra attaches to the core.
+"""The seam at which an extra attaches to the core.
 
 The core flies without any extra and imports none of them. It looks for packages in `circnav_mav/extras` and reads the
 `EXTENSION` of each. Where a package is missing, its commands, mission tables and options are missing, too.
@@ -16,7 +16,7 @@ EXTRAS = "circnav_mav.extras"
 
 @dataclass(frozen=True)
 class Extension:
-    """What one extra adds to the core. Every value is a reference, `module:name`, that is imported when it is used.
+    """The parts that one extra adds to the core. A value is a reference, `module:name`, imported when used.
 
     commands: click commands, by the names that are typed.
     tables: pydantic models of mission tables, by the names of the tables.

@@ -43,7 +43,8 @@ def main(**options: Any) -> None:
     try:
         emulate(**options)
     except (ConfigError, EndpointError) as error:
-        click.echo(f"sim: {error}", err=True)
+        line = "".join(letter if letter.isprintable() else "?" for letter in str(error))
+        click.echo(f"sim: {line}", err=True)
         sys.exit(BAD_USAGE)
 
 

@@ -9,18 +9,20 @@ from typing import Any, Literal
 from pydantic import Field
 
 from .autopilots.modes import MODES, PROFILES
-from .schema import ConfigError, Interval, Name, Table, nearest, place, read_table
+from .schema import ConfigError, Interval, Name, Table, nearest, place, read_file, read_table
 from .signing import read_key
 
 __all__ = ["ConfigError", "VehicleConfig", "load_vehicle", "parse_vehicle"]
 
 IMU_STATES = ("good", "frozen", "clipped", "rotated")
+STEERING_STATES = ("good", "straight", "frozen", "turning", "hovering", "reversed", "weak")
 ATTITUDE_ERROR_DEG = {"px4_copter": 1.0, "px4_plane": 1.0, "arduplane": 0.15}
 ACTIONS = (
     *("mode", "arm", "disarm", "rc_failsafe", "gps_off", "gps_on", "gps_spoof", "battery", "wind"),
     *("mute_ranging", "unmute_ranging", "freeze_ranging", "unfreeze_ranging", "mute_autopilot", "unmute_autopilot"),
     "reboot",
     *(f"imu_{state}" for state in IMU_STATES),
+    *(f"steering_{state}" for state in STEERING_STATES),
 )
 
 
@@ -31,6 +33,10 @@ class Airframe(Table):
     it through the air and is carried by the wind. The others' default is what was measured ("realistic").
     boot_age_s: how long the autopilot had been up at time zero (its 32-bit milliseconds wrap after 4294967.296 s).
     odometry: velocity without GPS (optical flow, wheel encoders), usable once somebody has set an origin (message 48).
+    drag_per_s: of copters; None: 1.0 of a px4_copter, 0.185 of an arducopter. max_lean_deg: ANGLE_MAX, MPC_TILTMAX_AIR
+    of copters; None: 30 and 45. turn_frequency_rad_s, turn_damping: of the loop that turns or rolls the vehicle, in the
+    place of what was measured: below 0.3 a badly tuned one that rings. steering: "straight", "frozen" (the last command
+    lasts), "turning" (12 deg/s) and "hovering" ignore turn commands, "reversed" and "weak" (a tenth) garble them.
     """
 
     profile: Literal[PROFILES] = "arducopter"  # type: ignore[valid-type]
@@ -44,7 +50,11 @@ class Airframe(Table):
     cruise_speed_mps: float | None = Field(default=None, gt=0.0, le=100.0)
     turn_effectiveness: float | None = Field(default=None, ge=0.1, le=2.0)
     airspeed_scale: float | None = Field(default=None, ge=0.5, le=2.0)
-    drag_per_s: float = Field(default=1.0, ge=0.0, le=10.0)
+    drag_per_s: float | None = Field(default=None, ge=0.0, le=10.0)
+    max_lean_deg: float | None = Field(default=None, gt=0.0, le=80.0)
+    turn_frequency_rad_s: float | None = Field(default=None, gt=0.0, le=20.0)
+    turn_damping: float | None = Field(default=None, ge=0.02, le=2.0)
+    steering: Literal[STEERING_STATES] = "good"  # type: ignore[valid-type]
     boot_age_s: float = Field(default=0.0, ge=0.0, le=1e8)
     setpoint_timeout_s: float | None = Field(default=None, ge=0.1, le=60.0)
     gps: bool = True
@@ -241,13 +251,12 @@ def _checked(config: VehicleConfig, where: str) -> VehicleConfig:
 def load_vehicle(path: str | Path) -> VehicleConfig:
     """A vehicle file, or the [sim] table of a mission file; a key file is told from its folder."""
     try:
-        with open(path, "rb") as file:
-            table = tomllib.load(file)
+        table = tomllib.loads(read_file(path).decode("utf-8-sig"))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
     except RecursionError:
         raise ConfigError(f"{path}: not a TOML file: nested too deeply") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:
         raise ConfigError(f"{path}: not a TOML file: {error}") from error
     if "orbit" in table and "sim" not in table:
         raise ConfigError(f"{path}: a mission without the table [sim]: add one, or name a mission that has it")

@@ -4,11 +4,10 @@ Source: mavlink_signature_check (mavlink_helpers.h), ArduPilot's GCS_Signing.cpp
 """
 
 import hashlib
-from pathlib import Path
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from .schema import ConfigError
+from .schema import ConfigError, read_file
 
 EPOCH_S = 1_420_070_400  # 2015 in unix time
 TICKS_PER_S = 100_000
@@ -76,7 +75,7 @@ class Notary:
 def read_key(path: str, where: str) -> bytes:
     """64 hex digits or 32 bytes; raises ConfigError."""
     try:
-        data = Path(path).read_bytes()
+        data = read_file(path)
     except OSError as error:
         raise ConfigError(f"{where}: {path}: cannot be read: {error.strerror or error}") from error
     try:

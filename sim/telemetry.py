@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pymavlink.dialects.v20 import all as mavlink
 
 from .body import GRAVITY, to_earth, within
-from .demands import BodyVelocity, EarthVelocity, Tilt
+from .demands import Bank, BodyVelocity, EarthVelocity, Glide, Tilt
 from .flight import Flight
 from .links import Message
 from .ranging_radio import centimetres
@@ -19,7 +19,7 @@ EPOCH_US = 1_750_000_000_000_000  # SYSTEM_TIME's wall clock at simulated time z
 EKF_GOOD, EKF_NO_POSITION, EKF_RECKONS = 0x33F, 0xA7, 0x12F  # the last without an absolute position
 GPS_FIX_RTK, GPS_NO_FIX = 6, 1
 UNKNOWN_VOLTAGE = 65535
-ONLY_VELOCITY = 3079
+ONLY_VELOCITY, NO_POSITION_NO_YAW = 0xC07, 0x407
 IMU_FIELDS_UPDATED = 0x3F  # HIGHRES_IMU: acceleration and rates
 GPS_SENSOR, FENCE_KEPT = 0x20, 0x100000
 SENSORS = 0x1 | 0x2 | 0x4 | 0x8 | GPS_SENSOR | 0x200000 | 0x2000000 | 0x10000000  # gyro .. GPS, AHRS, battery, pre-arm
@@ -174,23 +174,32 @@ def nav_controller_output(flight: Flight) -> Message | None:
 
 
 def position_target_local_ned(flight: Flight) -> Message | None:
-    """The copter's echo of the velocity it flies: earth frame, only velocities valid."""
-    flown = flight.autopilot.flown()
+    """The copter's report of the velocity that it flies, earth frame. ArduCopter 4.6 adds the acceleration fed forward
+    and no yaw rate, PX4 the yaw rate."""
+    flown, pilot = flight.autopilot.flown(), flight.autopilot
+    fed = (0.0, 0.0)
     if isinstance(flown, BodyVelocity):
         north, east = to_earth(flown.forward, flown.right, flight.body.heading)
+        fed = to_earth(0.0, flown.forward * flown.yaw_rate, flight.body.heading)
     elif isinstance(flown, EarthVelocity):
         north, east = flown.north, flown.east
+        fed = flown.acceleration_north, flown.acceleration_east
     else:
         return None
-    nothing = (0.0, 0.0, 0.0)
+    px4 = pilot.identity.autopilot == mavlink.MAV_AUTOPILOT_PX4
+    mask, yaw_rate = (NO_POSITION_NO_YAW, flown.yaw_rate) if px4 else (ONLY_VELOCITY, 0.0)
     return mavlink.MAVLink_position_target_local_ned_message(
-        flight.boot_ms, 1, ONLY_VELOCITY, *nothing, north, east, flown.down, *nothing, 0.0, flown.yaw_rate
+        flight.boot_ms, 1, mask, 0.0, 0.0, 0.0, north, east, flown.down, *fed, 0.0, 0.0, yaw_rate
     )
 
 
 def attitude_target(flight: Flight) -> Message | None:
-    """The copter's echo of the attitude it holds."""
+    """The report of the attitude that it holds: of a copter, and of PX4's plane."""
     flown = flight.autopilot.flown()
+    if isinstance(flown, (Bank, Glide)):
+        q = flight.body._replace(roll=flown.roll, pitch=flown.pitch or 0.0).quaternion()
+        thrust = flown.thrust if isinstance(flown, Glide) else 0.5
+        return mavlink.MAVLink_attitude_target_message(flight.boot_ms, 0, list(q), 0.0, 0.0, 0.0, thrust)
     if not isinstance(flown, Tilt):
         return None
     heading = flight.body.heading if flown.heading is None else flown.heading

@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from .agenda import NEVER, Agenda
 from .config import Event, VehicleConfig
+from .faults.steering import Steering
 from .flight import DRIFT_STEP_US, Flight, Truth
 from .links import TYPE_GCS, Link, Message, Router
 from .ranging_radio import SECOND, RangingRadio
@@ -24,7 +25,7 @@ MAIN, RANGING = "main", "ranging"
 SETPOINTS = frozenset(
     {"MANUAL_CONTROL", "SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT"}
 )
-REMEMBERED = 100_000
+MAX_SETPOINT_LOG = 2_000
 TEXT_LENGTH = 50
 REBOOT_S = 2.0
 
@@ -48,10 +49,14 @@ class Vehicle:
         self._router = Router(own, identity.unknown_ids, identity.adopts_strays)
         self._streams = Streams(self._agenda, self._flight)
         self._services = Services(self._flight, self._streams, self._say)
-        self._setpoints: deque[tuple[float, str]] = deque(maxlen=REMEMBERED)
+        self._setpoints: deque[tuple[float, str]] = deque(maxlen=MAX_SETPOINT_LOG)
+        self._steering = Steering(config.vehicle.steering)
         self._link(MAIN)
         ranging, version = config.ranging, config.vehicle.mavlink_version
         self._radio_wire = Link("radio", ranging.system_id, ranging.component_id, version, self._notary)
+        # The router forwards broadcasts to every component that has sent something, so to the radio as well. The radio
+        # reads nothing, and frames waiting for it would fill the memory of a long flight.
+        self._radio_wire.silent = True
         if ranging.via == "direct":
             self._link(RANGING)
         self._radio = RangingRadio(config, self._agenda, self._flight, self._radio_sends, self._driver)
@@ -101,7 +106,7 @@ class Vehicle:
 
     @property
     def setpoint_log(self) -> list[tuple[float, str]]:
-        """Accepted setpoints: simulated time, s, and message name; the last hundred thousand."""
+        """Accepted setpoints: simulated time, s, and message name; the last two thousand."""
         return list(self._setpoints)
 
     @property
@@ -115,7 +120,7 @@ class Vehicle:
             return
         flight, kind = self._flight, message.get_type()
         if kind in SETPOINTS:
-            if flight.autopilot.setpoint(message, flight.now):
+            if flight.autopilot.setpoint(self._steering.flown(message), flight.now):
                 self._setpoints.append((flight.seconds, kind))
         elif not self._services.answer(message, source):
             if kind == "HEARTBEAT" and message.type == TYPE_GCS:
@@ -185,6 +190,8 @@ class Vehicle:
             flight.charge(max(0.0, min(100.0, event.value or 0.0)))
         elif action.startswith("imu_"):
             flight.instruments.imu_state = action.removeprefix("imu_")
+        elif action.startswith("steering_"):
+            self._steering.state = action.removeprefix("steering_")
         elif action == "gps_spoof":
             flight.spoofed = event.value or 0.0
         elif action == "wind":

@@ -5,6 +5,8 @@ The commands are described here and carried out in modules of their own, loaded 
 """
 
 import gc
+import io
+import os
 import sys
 import warnings
 from collections.abc import Callable
@@ -17,8 +19,10 @@ from circnav_mav import __version__
 from circnav_mav.cli.bundled import FileOrName
 from circnav_mav.cli.describe import Folder
 from circnav_mav.cli.describe import command as described
-from circnav_mav.cli.exits import Exit, Refused, mind_output
+from circnav_mav.cli.exits import Exit, Refused, in_one_line, mind_output, say
 from circnav_mav.extension import extensions, load
+from circnav_mav.foreign import printable
+from circnav_mav.runtime.clock import unix_time
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True}
 
@@ -34,6 +38,8 @@ SPEED_HELP = "Bundled vehicle: N times real time, to watch it. [default: as fast
 SELDOM = 200_000
 """Objects between two garbage collections. What a command loads stays; to look through it again and again took a
 seventh of the time that `check` takes."""
+YEAR_2100 = 4_102_444_800
+"""Seconds since 1970; beyond, the stamps of a tlog are taken for damage."""
 
 
 class Commands(click.Group):
@@ -274,16 +280,25 @@ def completion(shell: str) -> int:
 def main() -> None:
     """Entry point of the `circnav` command."""
     gc.set_threshold(SELDOM)
+    os.environ.pop("MPLBACKEND", None)  # of a notebook that started us: no picture of ours needs a window
     warnings.filterwarnings("ignore", message="Glyph .* missing from")  # of names that no font of the pictures has
     mind_output()
     try:
+        if not 0 < unix_time() < YEAR_2100:
+            raise Refused("the clock of this computer is not between 1970 and 2100: set it")
         result = circnav.main(prog_name="circnav", standalone_mode=False)
     except click.ClickException as error:
-        error.show()
+        error.show(shown := io.StringIO())
+        say(shown.getvalue().rstrip("\n"), err=True)
         result = Exit.USAGE
     except (click.Abort, KeyboardInterrupt):
         result = Exit.INTERRUPTED
     except Refused as refusal:
-        click.echo(f"circnav: {refusal}", err=True)
+        say(f"circnav: {printable(str(refusal))}", err=True)
         result = refusal.exit
+    except Exception as error:
+        if sys.flags.dev_mode:
+            raise
+        say(f"circnav: {printable(in_one_line(error))}", err=True)
+        result = Exit.USAGE if isinstance(error, OSError) else Exit.INTERNAL
     sys.exit(int(result or 0))

@@ -5,10 +5,10 @@ from math import cos, hypot, radians, sin
 from pathlib import Path
 
 import click
-from circnav_sim.config import ConfigError, VehicleConfig, parse_vehicle
+from circnav_sim.config import VehicleConfig, parse_vehicle
 from circnav_sim.starting import CRUISE_MPS
 
-from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.cli.exits import Exit, Refused, say
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
 from circnav_mav.mav.check_result import Check, Grade
 from circnav_mav.mission.checks import check_mission, drift_allowed
@@ -47,7 +47,7 @@ def read_mission(path: str, overrides: tuple[str, ...]) -> Mission:
             read_key(Path(mission.file.signing.key_file))
     except KeyFileError as error:
         raise Refused(f"{path}: signing.key_file: {error}") from None
-    except (MissionError, ConfigError, LinkError) as error:
+    except (MissionError, LinkError, ValueError) as error:
         raise Refused(str(error)) from None
     return mission
 
@@ -80,7 +80,7 @@ def check_file(path: str, overrides: tuple[str, ...]) -> int:
 def show_counts(path: str, lines: list[Check]) -> int:
     """Print how many lines passed, warn and fail; answers with the last."""
     counts = {grade: sum(line.grade is grade for line in lines) for grade in Grade}
-    click.echo(f"{path}: " + ", ".join(f"{count} {grade.value}" for grade, count in counts.items()))
+    say(f"{path}: " + ", ".join(f"{count} {grade.value}" for grade, count in counts.items()))
     return counts[Grade.FAIL]
 
 
@@ -88,7 +88,7 @@ def show_checks(lines: list[Check]) -> None:
     """Print check lines, the grade in its colour."""
     for line in lines:
         grade = click.style(f"{line.grade.value:<4}", fg=COLOURS[line.grade], bold=line.grade is not Grade.PASS)
-        click.echo(f"{grade}  {line.subject:<11} {line.says}")
+        say(f"  {line.subject:<11} {line.says}", styled=grade)
 
 
 def _misfits(mission: Mission, config: VehicleConfig) -> Iterator[tuple[Grade, str]]:

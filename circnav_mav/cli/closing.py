@@ -148,7 +148,7 @@ class Drawing:
                 [sys.executable, "-P", "-m", "circnav_mav", "report", str(folder), "--after-flight"],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
                 text=True,
                 env={**os.environ, "PYTHONPATH": str(Path(circnav_mav.__file__).parents[1])},
                 start_new_session=True,
@@ -156,8 +156,9 @@ class Drawing:
 
     def draw(self) -> list[str]:
         """Draw the flight, which is over; a line for each picture that could not be made."""
-        process, drawn = self._process, ""
+        process, drawn, why = self._process, "", "no room for one more process"
         if process is not None:
-            drawn, _ = process.communicate("over\n")
+            drawn, errors = process.communicate("over\n")
+            why = errors.strip().rpartition("\n")[2].removeprefix("circnav: ") or f"exit code {process.returncode}"
         failed = process is None or process.returncode != 0
-        return drawn.splitlines() + failed * [f"{self._folder}: flight.png and report.html could not be made"]
+        return drawn.splitlines() + failed * [f"{self._folder}: flight.png and report.html could not be made: {why}"]

@@ -4,6 +4,7 @@ out only when it runs."""
 from collections.abc import Callable
 from functools import wraps
 from math import isfinite
+from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
@@ -24,12 +25,18 @@ class Finite(click.FloatRange):
 
 
 class Folder(click.Path):
-    """Where to write. An empty name, as of a script's variable that was never set, would mean the current folder."""
+    """Where to write."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The name. Raises Refused."""
+        """Return the name of the folder. Raises Refused for a name that was hardly meant: an empty one, as of a
+        script's variable that was never set, the root, and a link behind which other files are."""
+        folder = Path(value)
         if value == "":
             raise Refused("--out: is empty, give it a name")
+        if folder.resolve() == Path(folder.resolve().anchor):
+            raise Refused(f"--out {value}: is the root of the disk, name a folder in it")
+        if folder.is_symlink() and folder.is_dir() and any(folder.iterdir()):
+            raise Refused(f"--out {value}: is a link to {folder.resolve()}, which is not empty: name an empty folder")
         return value
 
 

@@ -1,13 +1,21 @@
-"""Exit codes, the one way to refuse, and what becomes of a line that cannot be printed."""
+"""Exit codes, the one way to refuse and to print, and what becomes of a line that cannot be printed."""
 
 import io
 import signal
 import sys
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import IntEnum
 from pathlib import Path
 from typing import Any, TextIO
+
+import click
+
+from circnav_mav.foreign import printable
+
+OUT_OF_MEMORY = ("failed to map segment", "can't start new thread", "cannot allocate memory")
+"""How libraries and threads that find no memory are reported."""
 
 
 class Exit(IntEnum):
@@ -28,6 +36,21 @@ class Refused(Exception):  # noqa: N818 - a refusal is not our error
     def __init__(self, text: str, exit: Exit = Exit.USAGE) -> None:
         super().__init__(text)
         self.exit = exit
+
+
+def say(text: str, *, styled: str = "", err: bool = False) -> None:
+    """Print lines, whatever they contain. styled: a beginning of our own with colors. err: on standard error."""
+    click.echo(styled + "\n".join(map(printable, text.split("\n"))), err=err)
+
+
+def in_one_line(error: BaseException) -> str:
+    """Describe an exception that no command has foreseen: what the computer lacks, or where in the program it arose."""
+    if isinstance(error, MemoryError) or any(words in str(error) for words in OUT_OF_MEMORY):
+        return "out of memory"
+    if isinstance(error, OSError):
+        return f"{error.filename or 'this computer'}: {error.strerror or error}"
+    at = traceback.extract_tb(error.__traceback__)[-1]
+    return f"internal error: {type(error).__name__}: {error} ({Path(at.filename).name}:{at.lineno})"
 
 
 @contextmanager

@@ -10,14 +10,14 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
-import click
 from rich.console import Console
 
 from circnav_mav.cli.check import read_mission, refuse_failing
 from circnav_mav.cli.closing import Drawing, close_flight, write_manifest
 from circnav_mav.cli.connect import link_troubles, open_links, open_onlookers, open_signing, start_clock
-from circnav_mav.cli.exits import Exit, Refused, outlive_terminal, refusing
+from circnav_mav.cli.exits import Exit, Refused, in_one_line, outlive_terminal, refusing, say
 from circnav_mav.cli.verdict import verdict
+from circnav_mav.foreign import read_text
 from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import VEHICLE, Ending, OutputMode, Pilot
@@ -93,16 +93,16 @@ def fly_mission(
         summary, code = close_flight(pilot, recorder, mission, clock.epoch_us, code, alarms.begun, onlookers)
         words = verdict(summary, folder)
         onlookers.show_verdict(words)
-    click.echo(words)
+    say(words)
     problems = [
         *link_troubles(links, mission),
         *onlookers.all_problems(),
         signing_time.problem if signing_time else None,
     ]
     for problem in filter(None, (*problems, *(drawing or Drawing(folder)).draw())):
-        click.echo(f"  WARNING    {problem}")
+        say(f"  WARNING    {problem}")
     if crash is not None:
-        raise Refused(f"internal error, see {crash}", Exit.INTERNAL)
+        raise Refused(crash, Exit.INTERNAL)
     return code
 
 
@@ -118,7 +118,7 @@ def _run_folder(out: str | None, mission: Mission) -> Path:
         for name in RECORDED:
             if (folder / name).exists():
                 raise Refused(f"--out {out}: holds {name} already, name another folder")
-        if own.exists() and own.read_bytes() != mission.text.encode():
+        if own.exists() and read_text(own) != mission.text:
             raise Refused(f"--out {out}: holds a mission.toml that is not as flown, name another folder")
     return folder
 
@@ -135,10 +135,8 @@ def _recorder(out: str | None, mission: Mission) -> Recorder:
             raise Refused(str(error)) from None
 
 
-def _crash_of(
-    loop: Callable[[], None], pilot: Pilot, links: dict[str, Link], clock: Clock, folder: Path
-) -> Path | None:
-    """Run to the end. An exception of ours still leaves a safe setpoint behind; returns where it is written down."""
+def _crash_of(loop: Callable[[], None], pilot: Pilot, links: dict[str, Link], clock: Clock, folder: Path) -> str | None:
+    """Run to the end. After an exception a safe setpoint is still sent; returns its description, or None."""
     gc.collect()
     gc.freeze()  # a full collection would look through all that was imported, for 0.1 s and more
     if not isinstance(clock, Lockstep):  # simulated time waits for a collection
@@ -149,11 +147,12 @@ def _crash_of(
     except Exception as error:
         # first of all, whatever the disk does
         links[VEHICLE].send(pilot.last_words(clock.now()), pilot.session.reply_to)
-        pilot.abandon(f"internal error: {error}")
+        cause = in_one_line(error)
+        pilot.abandon(cause)
         report = folder / "error.txt"
         with suppress(OSError):
             report.write_text(traceback.format_exc(), encoding="utf-8")
-        return report
+        return f"{cause}, see {report}"
     finally:
         gc.unfreeze()
     return None

@@ -9,7 +9,7 @@ import click
 from circnav_sim.config import VehicleConfig
 
 from circnav_mav.cli.bundled import bundled, names
-from circnav_mav.cli.exits import Exit, Refused, refusing
+from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.extension import extensions, load
 from circnav_mav.mission.load import whole_schema
 
@@ -43,9 +43,9 @@ def write_mission(vehicle: str | None, file: str | None) -> int:
             schema.write_text(schema_text("mission"), encoding="utf-8")
     about = next((line[2:] for line in text.splitlines() if line.startswith("# ")), "")
     where = "on the bundled emulator" if '\nendpoint = "sim"' in text else "on your vehicle"
-    click.echo(f"{path}: {about}\nEvery value is commented. Change what is yours, then:")
-    click.echo(f"  circnav check {path}    # each value against its limits")
-    click.echo(f"  circnav fly {path}      # {where}")
+    say(f"{path}: {about}\nEvery value is commented. Change what is yours, then:")
+    say(f"  circnav check {path}    # each value against its limits")
+    say(f"  circnav fly {path}      # {where}")
     return Exit.DONE
 
 

@@ -2,11 +2,9 @@
 
 from contextlib import ExitStack
 
-import click
-
 from circnav_mav.cli.check import read_mission, refuse_failing, show_checks, show_counts
 from circnav_mav.cli.connect import link_troubles, open_links, open_signing, start_clock
-from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.cli.exits import Exit, Refused, say
 from circnav_mav.mav.check_result import Check, Grade
 from circnav_mav.mission.preflight import judge
 from circnav_mav.pilot.survey import Survey
@@ -20,7 +18,7 @@ def preflight_file(path: str, endpoint: str | None, overrides: tuple[str, ...], 
         raise Refused(f"--seconds: must be at least 1 and at most 600, not {seconds:g}")
     mission = read_mission(path, overrides if endpoint is None else (*overrides, f'link.endpoint="{endpoint}"'))
     refuse_failing(path, mission)
-    click.echo(f"listening on {mission.file.link.endpoint} for {seconds:g} s, no setpoint is sent ...")
+    say(f"listening on {mission.file.link.endpoint} for {seconds:g} s, no setpoint is sent ...")
     with ExitStack() as open_things:
         signing, signing_time = open_signing(mission, open_things)
         links = open_links(mission, open_things)

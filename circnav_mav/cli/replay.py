@@ -6,11 +6,11 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import click
 from circnav_sim.config import ConfigError
 
 from circnav_mav.cli.check import refuse_failing
-from circnav_mav.cli.exits import Exit, Refused, refusing
+from circnav_mav.cli.exits import Exit, Refused, refusing, say
+from circnav_mav.foreign import printable
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.ranging.interface import describe_rejected
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
@@ -20,9 +20,17 @@ from circnav_mav.pilot import VEHICLE, OutputMode, Pilot, PilotSettings
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.report.plots import plot_replay
 from circnav_mav.runlog.atomic_write import atomic_write
-from circnav_mav.runlog.loop_steps import LogClock, LogSources, RangeSource, recorded_steps, tlog_steps
-from circnav_mav.runlog.replay import Replayed, as_ticks, differences, held_gain, replay, without_timeouts
-from circnav_mav.runlog.run_folder import Run, RunError, open_run, printable
+from circnav_mav.runlog.loop_steps import LogClock, LogSources, RangeSource, has_requests, recorded_steps, tlog_steps
+from circnav_mav.runlog.replay import (
+    Replayed,
+    as_flown_before,
+    as_ticks,
+    differences,
+    held_gain,
+    replay,
+    without_timeouts,
+)
+from circnav_mav.runlog.run_folder import Run, RunError, open_run
 from circnav_mav.runlog.summary import UNRECORDED
 from circnav_mav.runlog.ticks import Ticks
 from circnav_mav.runlog.tlog import find_damage
@@ -70,11 +78,13 @@ def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str 
         raise Refused(f"{run.folder / 'manifest.json'}: voice: {run.voice!r} is none that a flight has") from None
     settings = mission.pilot_settings(voice)
     gain = _held_gain(run, settings)
-    pilot = Pilot(settings if gain is None else replace(settings, turn_gain=gain))
+    settings = settings if gain is None else replace(settings, turn_gain=gain)
+    with refusing(run.folder):
+        pilot = Pilot(settings if has_requests(run.folder) else as_flown_before(settings))
     done = _replayed(run.folder, pilot, recorded_steps(run.folder), empty="an empty run, nothing was recorded")
     whole = _say_damage(run, done, pilot)
     if gain is not None:
-        click.echo(f"  turn gain  held at {gain:.3g}, as at the end of the flight, which flew other turns")
+        say(f"  turn gain  held at {gain:.3g}, as at the end of the flight, which flew other turns")
     _say_setpoints(done, whole)
     _say_ticks(done, pilot, run.ticks)
     _write(log, out, done, run.ticks, mission)
@@ -99,7 +109,7 @@ def _replay_plain(log: str, path: str | None, overrides: Sequence[str], out: str
     if spoilt := pilot.connection.counts[VEHICLE].bad:
         problems.append(f"left out as damaged: {spoilt} of the frames")
     for problem in filter(None, (*problems, str(clock))):
-        click.echo(f"  WARNING    {tlog.name}: {problem}")
+        say(f"  WARNING    {tlog.name}: {problem}")
     _say_who(sources, pilot.session.adapter)
     _check_steered(tlog, pilot)
     _say_ticks(done, pilot, None)
@@ -115,7 +125,7 @@ def _replayed(name: Path, pilot: Pilot, steps: Iterable[LoopStep], *, empty: str
         raise Refused(f"{name}: {empty}", Exit.NOTHING_HEARD)
     if ticking and done.until == 0:
         raise Refused(f"{name}: its stamps never go on: there is no time in it to replay it by", Exit.NOTHING_HEARD)
-    click.echo(f"{name}: {done.until:.1f} s, {done.frames} frames in, replayed in {took:.2f} s")
+    say(f"{name}: {done.until:.1f} s, {done.frames} frames in, replayed in {took:.2f} s")
     return done
 
 
@@ -166,7 +176,7 @@ def _say_damage(run: Run, done: Replayed, pilot: Pilot) -> bool:
     if spoilt:
         problems.append(f"flight.tlog: left out as damaged: {spoilt} of the frames that came in")
     for problem in problems:
-        click.echo(f"  WARNING    {problem}")
+        say(f"  WARNING    {problem}")
     return not (short or spoilt)
 
 
@@ -175,11 +185,11 @@ def _say_setpoints(done: Replayed, whole: bool) -> None:
     was, would = done.was_setpoints, done.setpoints
     if done.identical:
         until = "" if whole else f" up to {done.until:.1f} s"
-        click.echo(f"  setpoints  {len(was)} as flown, byte for byte the same{until}, and so is all else that was sent")
+        say(f"  setpoints  {len(was)} as flown, byte for byte the same{until}, and so is all else that was sent")
         return
     same = len(set(was) & set(would))
-    click.echo(f"  setpoints  {len(was)} as flown, {len(would)} in the replay, {same} of them the same")
-    click.echo(f"             first frame that differs: {done.first_difference:.3f} s")
+    say(f"  setpoints  {len(was)} as flown, {len(would)} in the replay, {same} of them the same")
+    say(f"             first frame that differs: {done.first_difference:.3f} s")
 
 
 def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
@@ -190,16 +200,16 @@ def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
             name, unit = UNITS[gap.column]
             far = f"differs by {gap.rms:.4g} {unit} RMS, {gap.largest:.4g} {unit} at most"
             says = far if gap.largest > LAST_DIGIT else "the same"
-            click.echo(f"  {name:<16} {says}, in {gap.ticks} ticks")
+            say(f"  {name:<16} {says}, in {gap.ticks} ticks")
     steered = sum(phase == "engaged" for phase in would.words["phase"])
     saturated = sum(record.saturated for record in done.ticks)
-    click.echo(f"  ticks      {len(done.ticks)}, {steered} of them steering, {saturated} at the turn-rate limit")
+    say(f"  ticks      {len(done.ticks)}, {steered} of them steering, {saturated} at the turn-rate limit")
     refused = describe_rejected(dict(sorted(pilot.tracker.ranging.rejected.items())))
-    click.echo(f"  ranges     {pilot.tracker.accepted} taken, rejected: {refused}")
+    say(f"  ranges     {pilot.tracker.accepted} taken, rejected: {refused}")
     if pilot.mission.outcome is not None:
         early = done.ended is not None and done.until - done.ended > UNRECORDED
         until = f" (at {done.ended:.1f} s; the log goes on to {done.until:.1f} s)" if early else ""
-        click.echo(f"  outcome    {pilot.mission.outcome.ending.value}: {pilot.mission.outcome.reason}{until}")
+        say(f"  outcome    {pilot.mission.outcome.ending.value}: {pilot.mission.outcome.reason}{until}")
 
 
 def _write(log: str, out: str | None, done: Replayed, was: Ticks | None, mission: Mission) -> None:
@@ -211,7 +221,7 @@ def _write(log: str, out: str | None, done: Replayed, was: Ticks | None, mission
     plot_replay(folder / PICTURE, was, as_ticks(done.ticks), mission.orbit, f"{printable(log)}, replayed")
     with atomic_write(folder / TICKS) as fresh:
         write_ticks(fresh, done.ticks)
-    click.echo(f"  written    {folder}/{TICKS}, {folder}/{PICTURE}")
+    say(f"  written    {folder}/{TICKS}, {folder}/{PICTURE}")
 
 
 def _check_out(out: str | None) -> None:
@@ -228,11 +238,11 @@ def _say_who(sources: LogSources, adapter: Autopilot) -> None:
     if sources.vehicle is not None:
         system, component = sources.vehicle
         kind = sources.vehicles.get(sources.vehicle, "unknown")
-        click.echo(f"  vehicle    system {system}, component {component}: {kind}, flown as {adapter.name}")
+        say(f"  vehicle    system {system}, component {component}: {kind}, flown as {adapter.name}")
     ranging = sources.ranging
     for source, counts in ranging.items():
         if counts.taken:
-            click.echo(f"  ranging    {_name(source)}: {counts.taken} of {counts.messages} usable")
+            say(f"  ranging    {_name(source)}: {counts.taken} of {counts.messages} usable")
     idle = ((counts.messages, source) for source, counts in ranging.items() if not counts.taken)
     unused = (f"{_name(source)}: {count}" for count, source in sorted(idle, key=lambda each: -each[0]))
     others = (
@@ -245,12 +255,11 @@ def _say_who(sources: LogSources, adapter: Autopilot) -> None:
         if more := said[MOST_NAMED:]:
             said[MOST_NAMED:] = [f"and {len(more)} more"]
         if said:
-            click.echo(f"  {title:<10} {'; '.join(said)}")
+            say(f"  {title:<10} {'; '.join(said)}")
     if candidates := sources.candidates:
         keys = " or ".join(sources.distinguishing_keys)
-        mixed = sum(ranging[candidate].taken > 0 for candidate in candidates) > 1
-        done = "their ranges were mixed" if mixed else "the first heard was taken"
-        click.echo(f"  WARNING    {len(candidates)} sensors fit the mission, {done}: name yours with {keys}")
+        done = "none is used beside another" if sources.ambiguous else "the first one received was used"
+        say(f"  WARNING    {len(candidates)} sensors fit the mission, {done}: name yours with {keys}")
 
 
 def _name(source: RangeSource) -> str:

@@ -2,15 +2,15 @@
 
 import sys
 from collections.abc import Iterator
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 import tomlkit
 
 from circnav_mav import __version__
-from circnav_mav.cli.exits import Exit, Refused, refusing
+from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.extension import extensions, load
 from circnav_mav.mission.load import MissionError, parse_mission
@@ -19,6 +19,9 @@ from circnav_mav.report.page import write_report
 from circnav_mav.report.plots import plot_flight
 from circnav_mav.runlog.run_folder import Run, RunError, open_run
 from circnav_mav.runlog.summary import FlightFacts, summarise
+
+READ_BACK = {field.name for field in fields(FlightFacts)} | {"flown_s", "alarms", "notes"}
+"""The keys of summary.json that are shown as they are. The figures of the circle are computed again from the ticks."""
 
 
 def report_run(folder: str, after_flight: bool) -> int:
@@ -34,10 +37,10 @@ def report_run(folder: str, after_flight: bool) -> int:
             raise Refused(f"{folder}: a single tick was recorded, too little for a report", Exit.NOTHING_HEARD)
         mission = _mission(run)
         if run.damage_text is not None:
-            click.echo(f"  WARNING    {run.damage_text}")
+            say(f"  WARNING    {run.damage_text}")
         _picture(run, mission)
         _page(run, mission)  # it holds the picture
-        click.echo(f"{run.folder / 'report.html'}\n{run.folder / 'flight.png'}")
+        say(f"{run.folder / 'report.html'}\n{run.folder / 'flight.png'}")
     return Exit.DONE
 
 
@@ -49,7 +52,7 @@ def _report_flight(folder: str) -> int:
             if len(run.ticks.time) > 1:
                 make(run, _mission(run))
         except Exception as error:
-            click.echo(f"{Path(folder) / name}: could not be made: {error}")
+            say(f"{Path(folder) / name}: could not be made: {error}")
     return Exit.DONE
 
 
@@ -64,7 +67,7 @@ def _picture(run: Run, mission: Mission) -> None:
 
 def _page(run: Run, mission: Mission) -> None:
     """Write report.html, with the sections that extensions add."""
-    summary = _figures(run, mission) | run.summary
+    summary = _figures(run, mission) | {key: run.summary[key] for key in READ_BACK & run.summary.keys()}
     if run.damage_text is not None:
         summary["recording_problem"] = "; ".join(filter(None, (summary["recording_problem"], run.damage_text)))
     circles, gate = mission.orbit.words(*mission.radii[1:]), mission.file.guidance.gate_sigma
@@ -78,7 +81,7 @@ def _added(run: Run) -> str:
         try:
             sections.append(load(reference)(run))
         except Exception as error:
-            click.echo(f"{run.folder / 'report.html'}: {reference}: left out: {error}")
+            say(f"{run.folder / 'report.html'}: {reference}: left out: {error}")
     return "".join(sections)
 
 

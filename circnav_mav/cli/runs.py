@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import click
 
-from circnav_mav.cli.exits import Exit, Refused, refusing
+from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.extension import extensions
 from circnav_mav.runtime.clock import unix_time
 from circnav_mav.runtime.lock import is_held
@@ -38,16 +38,16 @@ def clean_runs(folder: str, older_than: str, keep: int, yes: bool) -> int:
         old = [run for run in found[keep:] if unix_time() - run.written > age]
         doomed = [run for run in old if not run.kept]
         for run in old:
-            click.echo(f"{run.size / 1e6:8.1f} MB  {run.folder}{run.kept and f'   kept: {run.kept}'}")
+            say(f"{run.size / 1e6:8.1f} MB  {run.folder}{run.kept and f'   kept: {run.kept}'}")
         size = sum(run.size for run in doomed) / 1e6
         which = f"older than {older_than}, without the newest {keep}"
-        click.echo(f"{len(doomed)} of {len(found)} runs: {which}: {size:.1f} MB")
+        say(f"{len(doomed)} of {len(found)} runs: {which}: {size:.1f} MB")
         if doomed and not yes and not sys.stdin.isatty():
-            click.echo("Nothing is deleted without --yes.")
+            say("Nothing is deleted without --yes.")
         elif doomed and (yes or click.confirm("Delete them?")):
             for run in doomed:
                 shutil.rmtree(run.folder)
-            click.echo("deleted")
+            say("deleted")
     return Exit.DONE
 
 

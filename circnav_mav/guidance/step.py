@@ -8,8 +8,7 @@ apart, the approach weaves. A vehicle that leaves the target behind meanwhile tu
 bumpless: the difference to the command before it fades out.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from math import inf, isfinite, pi
 from typing import Any, NamedTuple
@@ -69,6 +68,11 @@ class LawChoice:
     gain: float
     correct_radius: bool = True
     lag: float = 0.4
+
+    def eased(self, share: float, orbit: Orbit) -> "LawChoice":
+        """The law with so much of its gain, but not so little that it would not reach its circle."""
+        least = laws.LEAST * LAWS[self.name].gain_bound(orbit.speed, orbit.radius)
+        return replace(self, gain=min(self.gain, max(share * self.gain, least)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,30 +274,32 @@ def compensate_turn_gain(command: TurnCommand, limit: Number, gain: Number) -> T
     return command._replace(turn_rate=cut.turn_rate, saturated=command.saturated | cut.saturated)
 
 
-Steering = Callable[[RangeEstimate, float, Pending | None, float], TurnCommand]
-"""A law ready to steer: the limited command from an estimate, a trim (m, added to the radius that the law is fed), what
-is commanded but not turned yet (None: nothing, by a vehicle with the lag of the choice) and a share of the gains."""
+class Steering:
+    """A law ready to steer: from an estimate to the limited command. It remembers: give every flight its own."""
 
+    def __init__(self, orbit: Orbit, choice: LawChoice) -> None:
+        """Raises ValueError if the radius correction does not exist for this gain."""
+        self._state = StepState()
+        self.change(orbit, choice)
 
-def steering(orbit: Orbit, choice: LawChoice) -> Steering:
-    """The mission's guidance as one function from estimate to limited command.
+    def change(self, orbit: Orbit, choice: LawChoice) -> None:
+        """Steer to another circle from now on. What is known of drift and vehicle stays, so that a small change is
+        smooth. Raises ValueError as above; then the circle stays as it was."""
+        self._settings, self._at_rest = StepSettings.of(orbit, choice), Pending(0.0, choice.lag)
 
-    It remembers: give every flight its own. Raises ValueError when the radius correction does not exist for this gain.
-    """
-    settings, at_rest, state = StepSettings.of(orbit, choice), Pending(0.0, choice.lag), StepState()
-
-    def steer(
-        estimate: RangeEstimate, trim: float = 0.0, pending: Pending | None = None, share: float = 1.0
+    def __call__(
+        self, estimate: RangeEstimate, trim: float = 0.0, pending: Pending | None = None, share: float = 1.0
     ) -> TurnCommand:
-        nonlocal state
-        now, r, r_dot, relative = estimate.time, estimate.r, estimate.r_dot, estimate.relative
-        state, command = step(state, settings, Inputs(now, r, r_dot, pending or at_rest, relative, trim, share))
-        if not settings.law.flies_relative_motion:
+        """Return the command. trim: m, added to the radius that the law is fed. pending: what is commanded but not
+        turned yet; None: nothing, by a vehicle with the lag of the choice. share: of the gains."""
+        inputs = Inputs(
+            estimate.time, estimate.r, estimate.r_dot, pending or self._at_rest, estimate.relative, trim, share
+        )
+        self._state, command = step(self._state, self._settings, inputs)
+        if not self._settings.law.flies_relative_motion:
             return command
-        flies = state.handover.flies
-        return command._replace(flies=flies.name.lower(), why=WHY[flies], offset=float(state.offset))
-
-    return steer
+        flies = self._state.handover.flies
+        return command._replace(flies=flies.name.lower(), why=WHY[flies], offset=float(self._state.offset))
 
 
 def holding(orbit: Orbit, motion: RelativeMotion | None, pending: Pending) -> TurnCommand:

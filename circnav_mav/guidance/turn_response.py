@@ -13,6 +13,7 @@ import numpy as np
 
 from circnav_mav.guidance.maths import Array
 from circnav_mav.guidance.turn_gain import TurnGain, learn
+from circnav_mav.guidance.turn_monitor import BIN, TurnBin, TurnMonitor
 from circnav_mav.guidance.types import OwnMotion
 
 DEADS = np.arange(0.0, 1.01, 0.1)
@@ -35,8 +36,6 @@ RESIDUES = np.array(
 """Each answer as twice the real part of one complex mode, q' = pole q + residue c."""
 STEADY = -RESIDUES / POLES
 """Each mode, under a command of 1 that lasts."""
-BIN = 0.2
-"""Width of a bin, s: shorter ones see the gyro's noise, longer ones lose the delay."""
 MEMORY = 90.0
 """Time constant of the evidence, s: load and airspeed change slowly, and steady circling teaches nothing new."""
 PRIOR_SIGMA = 0.6
@@ -127,6 +126,100 @@ class PendingTurn:
         return Pending(turn + response.lag * rate, response.delay, response.settles)
 
 
+Knowledge = tuple[tuple[Array, ...], tuple[Array, float, float, float] | None, Response]
+"""Sums, fit and response of a `ResponseLearner`."""
+
+
+class CandidateTurns:
+    """Angles by which each candidate has turned under the commands that were given, all in one sense, rad."""
+
+    def __init__(self) -> None:
+        self.commanded: float | None = None
+        """Turn rate that is commanded now, rad/s; None: nothing is."""
+        self.begun = inf
+        """Time of the first command, s."""
+        self._turned: deque[tuple[float, Array]] = deque()
+        self._mode = np.zeros(LAGS.size, complex)
+
+    def command(self, time: float, rate: float) -> None:
+        """Command a turn rate (rad/s) from a time (s) on."""
+        if self.commanded is None:
+            self._mode, self.begun = STEADY * rate, time
+            self._turned.append((time, np.zeros(LAGS.size)))
+        else:
+            self._advance(time)
+        self.commanded = rate
+
+    def reset(self) -> None:
+        """Nothing is commanded any more."""
+        self.commanded, self.begun = None, inf
+        self._turned.clear()
+
+    def at(self, time: float) -> Array | None:
+        """Angles at a time, (deads, lags); None before there is any."""
+        if time - DEADS[-1] < self._turned[0][0]:
+            return None
+        self._advance(time)
+        turned = list(self._turned)
+        place = np.interp(time - DEADS, [at for at, _ in turned], np.arange(len(turned)))
+        before = np.minimum(place.astype(int), len(turned) - 2)
+        low, high = (np.array([turned[i][1] for i in (before + step).tolist()]) for step in (0, 1))
+        return np.asarray(low + (place - before)[:, None] * (high - low))
+
+    def _advance(self, time: float) -> None:
+        """Carry the answers of all lags on to a time."""
+        last, angle = self._turned[-1]
+        step = time - last
+        if step <= 0 or self.commanded is None:
+            return
+        steady = STEADY * self.commanded
+        mode = steady + (self._mode - steady) * np.exp(POLES * step)
+        self._turned.append((time, angle + 2 * ((mode - self._mode) / POLES + steady * step).real))
+        self._mode = mode
+        while len(self._turned) > 2 and self._turned[1][0] < time - KEPT:
+            self._turned.popleft()
+
+
+class Binned(NamedTuple):
+    """Turn rates over a bin, rad/s. width: s. predicted: by each candidate. turned: as flown."""
+
+    width: float
+    predicted: Array
+    turned: float
+
+
+class TurnBins:
+    """Cuts a flight into bins in which flown and predicted turns are compared."""
+
+    def __init__(self, candidates: CandidateTurns) -> None:
+        self._candidates = candidates
+        self._begin: tuple[float, float, float, Array | None] | None = None
+        """Time, s, turned angle, delay of the link and the candidates' angles at the begin of this bin."""
+
+    def take(self, time: float, turned: float, link: float) -> Binned | None:
+        """Take in an angle turned (rad, from anywhere, unwrapped) by a time (s); return the bin that it completes.
+        link: there and back, s."""
+        if self._candidates.commanded is None or (self._begin is not None and time - self._begin[0] < BIN):
+            return None
+        begin, angles = self._begin, self._candidates.at(time - link)
+        self._begin = time, turned, link, angles
+        if begin is None or time - begin[0] > 2 * BIN:
+            return None
+        began, turned_before, link_before, angles_before = begin
+        if link != link_before:
+            # The estimate of the delay jumps with a late answer. Both ends of a bin go by one delay: else it would hold
+            # commands of another length of time, and a vehicle on its circle seemed to be sent the other way.
+            angles_before = self._candidates.at(began - link)
+        if angles is None or angles_before is None:
+            return None
+        width = time - began
+        return Binned(width, (angles - angles_before) / width, (turned - turned_before) / width)
+
+    def reset(self) -> None:
+        """Begin anew."""
+        self._begin = None
+
+
 class ResponseLearner:
     """Learns in flight how one vehicle answers."""
 
@@ -136,11 +229,8 @@ class ResponseLearner:
         self._prior = -0.5 * (prior**2 + ((LAGS / DELAYS - 0.5) / SPLIT_SIGMA) ** 2)
         self._sums: tuple[Array, ...] = (0.0,) * 6
         """Of 1, model, rate, model^2, model rate and rate^2, where the model is an array of all candidates."""
-        self._turned: deque[tuple[float, Array]] = deque()
-        self._mode = np.zeros(LAGS.size, complex)
-        self._command: float | None = None
-        self._bin: tuple[float, float, Array | None] | None = None
-        """When it began, how far the vehicle had turned then, and how far each candidate says that it had."""
+        self.candidates = CandidateTurns()
+        self._bins = TurnBins(self.candidates)
         self._fit: tuple[Array, float, float, float] | None = None
         self._known = Response(0.5 * expected, 0.5 * expected, 2 / max(expected, 0.05))
 
@@ -152,52 +242,30 @@ class ResponseLearner:
 
     def command(self, time: float, rate: float) -> None:
         """From this time on the vehicle is told to turn at `rate`, rad/s."""
-        if self._command is None:
-            self._mode = STEADY * rate
-            self._turned.append((time, np.zeros(LAGS.size)))
-        else:
-            self._advance(time)
-        self._command = rate
+        self.candidates.command(time, rate)
 
     def reset(self) -> None:
         """The vehicle is not ours any more: what comes now is not our doing."""
-        self._command, self._bin = None, None
-        self._turned.clear()
+        self.candidates.reset()
+        self._bins.reset()
+
+    @property
+    def knowledge(self) -> "Knowledge":
+        """What flight has taught."""
+        return self._sums, self._fit, self._known
+
+    @knowledge.setter
+    def knowledge(self, before: "Knowledge") -> None:
+        self._sums, self._fit, self._known = before
+
+    def skip(self) -> None:
+        """The vehicle does not obey: its turns from now on are no answers."""
+        self._bins.reset()
 
     def feel(self, time: float, turned: float, link: float) -> None:
         """By how much the vehicle has turned (rad, from anywhere, unwrapped) by a time (s); link: there and back, s."""
-        if self._command is None or (self._bin is not None and time - self._bin[0] < BIN):
-            return
-        begin, angles = self._bin, self._angles(time - link)
-        self._bin = time, turned, angles
-        if begin is None or begin[2] is None or angles is None or time - begin[0] > 2 * BIN:
-            return
-        width = time - begin[0]
-        self._learn((angles - begin[2]) / width, (turned - begin[1]) / width, width)
-
-    def _advance(self, time: float) -> None:
-        """Carry the answers of all lags on to a time."""
-        last, angle = self._turned[-1]
-        step = time - last
-        if step <= 0 or self._command is None:
-            return
-        steady = STEADY * self._command
-        mode = steady + (self._mode - steady) * np.exp(POLES * step)
-        self._turned.append((time, angle + 2 * ((mode - self._mode) / POLES + steady * step).real))
-        self._mode = mode
-        while len(self._turned) > 2 and self._turned[1][0] < time - KEPT:
-            self._turned.popleft()
-
-    def _angles(self, time: float) -> Array | None:
-        """By how much each candidate says the vehicle has turned by a time, (deads, lags); None before there is any."""
-        if time - DEADS[-1] < self._turned[0][0]:
-            return None
-        self._advance(time)
-        turned = list(self._turned)
-        place = np.interp(time - DEADS, [at for at, _ in turned], np.arange(len(turned)))
-        before = np.minimum(place.astype(int), len(turned) - 2)
-        low, high = (np.array([turned[i][1] for i in (before + step).tolist()]) for step in (0, 1))
-        return np.asarray(low + (place - before)[:, None] * (high - low))
+        if (new := self._bins.take(time, turned, link)) is not None:
+            self._learn(new.predicted, new.turned, new.width)
 
     def _weight(self, model: Array, rate: float) -> float:
         """Of a bin: less for one far from what the best candidate says. A step that takes the roll to its rate limit
@@ -250,8 +318,18 @@ STANDS, STANDS_FOR = 0.03, 1.0
 long, s: one that rolls does not."""
 STOOD_LEAST, STOOD_MOST = 0.5, 20.0
 """Time at the limit, s, by which it is told first, and over which it is averaged: 1 % of it is .3 m of radius."""
+SILENCE = 1.0
+"""Pause of the commands, s, after which vehicles do what they do without: brake, hover, loiter."""
 LONGEST_FELT = 1.0
 """Most time, s, for which a bank counts from one report to the next."""
+DEAF_AFTER = 1.0
+"""Time of not turning as commanded, s, after which a vehicle counts as deaf: a reversed turn takes less."""
+OBEYS_AFTER = 2.0
+"""Time of turning as commanded, s, after which a deaf vehicle teaches again: the model of its answer has then forgotten
+the commands that it never received."""
+TAKEN_BACK = 4.0
+"""What was learnt in so many seconds before a vehicle counts as deaf is taken back: ArduPilot flies on by the last
+command for 3 s, which looks like obedience for as long as the commands do not change."""
 
 
 class BankLimit(NamedTuple):
@@ -316,8 +394,15 @@ class TurnAnswer:
         self.by_bank: TurnGain | None = None
         self.bank_limit = BankLimit()
         self._learner, self._pending = ResponseLearner(lag), PendingTurn()
+        self.monitor = TurnMonitor(limit)
+        self._bins = TurnBins(self._learner.candidates)
+        self._nose = 0.0
         self._turned, self._felt_at = 0.0, inf
         self._commanded: float | None = None
+        self._followed_at = self._deaf_at = -inf
+        self._lessons: deque[tuple[float, TurnGain, Knowledge]] = deque()
+        """What was known at times of the last seconds."""
+        self._commanded_at = -inf
 
     @property
     def gain(self) -> float:
@@ -341,10 +426,22 @@ class TurnAnswer:
 
     def command(self, now: float, rate: float) -> None:
         """From this time (s) on the vehicle is told to turn at this rate, rad/s."""
-        self._commanded, most = rate, self.bank_limit.bank
+        if self._commanded is not None and now - self._commanded_at > SILENCE:
+            self.monitor.reset()
+        self._commanded, self._commanded_at, most = rate, now, self.bank_limit.bank
         reached = min(max(rate, -most), most)
         self._learner.command(now, reached)
         self._pending.command(now, reached * self.gain)
+
+    def watch(self, nose: OwnMotion) -> None:
+        """Compare the turn of the nose, or the bank, with the commanded turn. nose: motion as the autopilot reports it,
+        not as the path through the air that is worked out from it."""
+        self._nose += remainder(nose.heading - self._nose, 2 * pi)
+        turned = self._nose if nose.bank_turn is None else self._turned
+        new, commanded = self._bins.take(nose.time, turned, self.link), self._commanded
+        if new is not None and commanded is not None:
+            begun = self._learner.candidates.begun
+            self.monitor.take(TurnBin(nose.time, new.predicted.ravel(), new.turned, commanded), begun)
 
     def feel(self, own: OwnMotion) -> bool:
         """Learn from the vehicle's heading, or bank; tells whether it was commanded."""
@@ -355,7 +452,10 @@ class TurnAnswer:
             self._felt_at = own.time
         if self._commanded is None:
             return False
-        self._learner.feel(own.time, self._turned, self.link)
+        if own.time - self._deaf_at > OBEYS_AFTER:
+            self._learner.feel(own.time, self._turned, self.link)
+        else:
+            self._learner.skip()
         if own.bank_turn is not None:
             # of the bank it has, not of the commanded one: an autopilot with a lower bank limit turns no worse for it
             before = self.by_bank or TurnGain()
@@ -366,10 +466,31 @@ class TurnAnswer:
         if self.by_bank is not None and own.bank_turn is not None:
             commanded, banked = float(self.by_command.smooth_command), float(self.by_bank.smooth_command)
             self.bank_limit = self.bank_limit.follow(own, commanded, banked)
+        self._watch_obedience(own.time)
         return True
+
+    def _watch_obedience(self, now: float) -> None:
+        """Take back what a vehicle taught that soon proved to be deaf: over a dead uplink its turns are no answers."""
+        lessons, followed = self._lessons, bool(self.by_command.followed)
+        self._followed_at = now if followed or self._followed_at == -inf else self._followed_at
+        if now - self._followed_at > DEAF_AFTER:
+            if lessons:
+                _, gain, knowledge = lessons[0]
+                self.by_command = self.by_command._replace(gain=gain.gain, square=gain.square, product=gain.product)
+                self._learner.knowledge = knowledge
+                lessons.clear()
+            self._deaf_at = now
+        elif followed and now - self._deaf_at > OBEYS_AFTER and (not lessons or now - lessons[-1][0] >= 1.0):
+            lessons.append((now, self.by_command, self._learner.knowledge))
+            while now - lessons[0][0] > TAKEN_BACK + 1.0:
+                lessons.popleft()
 
     def reset(self) -> None:
         """The vehicle is not ours any more: what it does now is not our doing, and teaches nothing."""
         self._commanded = None
+        self._followed_at = self._deaf_at = -inf
+        self._lessons.clear()
         self._learner.reset()
+        self._bins.reset()
+        self.monitor.reset()
         self._pending.reset()

@@ -1,21 +1,12 @@
-"""What goes on over a flight beside the law: its circles, one after the other, and a slow integral that holds their
-mean radius; the mission's bounds, a drift that the circle does not allow, a turn command that swings from limit to
-limit."""
+"""What goes on over a flight beside the law: a slow integral that holds the mean radius, the mission's bounds, and a
+drift that the circle does not allow."""
 
 from dataclasses import dataclass
-from math import inf, pi
 from typing import NamedTuple
 
 from circnav_mav.guidance.laws import tolerated_drift
-from circnav_mav.guidance.step import LawChoice, steering
-from circnav_mav.guidance.types import Orbit, RangeEstimate, TurnRate
+from circnav_mav.guidance.types import Orbit, RangeEstimate
 
-LAPS = 1.25
-"""Turned on a circle before the next one begins: one lap to survey by, and the way into the band of NEAR."""
-NEAR = 0.1
-"""Radius error, in units of the radius, within which a turn counts for the circle."""
-LONGEST_STEP = 0.2
-"""Most time, s, that counts between two steps: what was turned in a gap is not known."""
 TRIM_NEAR = 0.2
 """The radius trim grows only within this fraction of the radius, where the law is linear, and while nothing saturates;
 farther off it only unwinds, for what it holds may be what keeps the vehicle there."""
@@ -28,38 +19,6 @@ PERSISTS = 3.0
 """Time, s, for which the drift must be too strong before the alarm is raised: the estimate follows single gusts."""
 ALLOWED_AGAIN = 0.9
 """Share of the allowed drift below which the alarm ends."""
-SWING = 0.8
-"""A reversal counts where the command has come back by this many times the limit since its last turning point."""
-PERIOD = 5.2
-"""Longest time from a reversal to the one after the next, s: the slowest cycle seen, and a little. A search weaves in
-6 s."""
-REVERSALS = 8
-"""Reversals in a row that make a cycle: four periods, which no manoeuvre has."""
-LOWERED, LEAST = 0.7, 0.3
-"""What a cycle leaves of the gains, and what is always left: the rule has a gain margin of 6 dB, so at .3 of it a
-vehicle that still swings would have to turn more than six times as hard as it was learnt to."""
-
-
-class Circles:
-    """orbit: of the circle that is flown now. steer: the law on it. A second radius tells the survey a height from a
-    range bias. When it begins is decided by range and turn alone, as everything that steers."""
-
-    def __init__(self, first: tuple[Orbit, LawChoice], *later: tuple[Orbit, LawChoice]) -> None:
-        """Raises ValueError where the radius correction does not exist for a gain."""
-        self._later = [(orbit, steering(orbit, law)) for orbit, law in later]
-        self.orbit, self.steer = first[0], steering(*first)
-        self._turned, self._time = 0.0, inf
-
-    def turned(self, estimate: RangeEstimate, turn_rate: TurnRate) -> bool:
-        """Count a steered step. turn_rate: of the vehicle. Tells whether the next circle begins."""
-        orbit, dt = self.orbit, min(max(estimate.time - self._time, 0.0), LONGEST_STEP)
-        self._time = estimate.time
-        if abs(estimate.r - orbit.radius) <= NEAR * orbit.radius:
-            self._turned += orbit.direction.turn_sign * turn_rate * dt
-        complete = bool(self._later) and self._turned >= LAPS * 2 * pi
-        if complete:
-            self._turned, (self.orbit, self.steer) = 0.0, self._later.pop(0)
-        return complete
 
 
 def next_trim(
@@ -136,37 +95,3 @@ def watch_drift(alarm: DriftAlarm, estimate: RangeEstimate | None, orbit: Orbit,
         return DriftAlarm(False, None, drift, allowed)
     since = estimate.time if alarm.since is None else alarm.since
     return DriftAlarm(alarm.on or estimate.time - since >= PERSISTS, since, drift, allowed)
-
-
-class CommandWatch(NamedTuple):
-    """Recognises a turn command that swings from limit to limit, and lowers the gains until it stops.
-
-    A loop that is too quick for its vehicle does not diverge: the limit holds it in a cycle. On firmware such cycles
-    had periods of 1 .. 4.6 s; what wind, noise or a search ask for is slower or smaller.
-
-    share: of the gains that is left. cycles: how often they were lowered. extreme: the last turning point of the
-    command, in units of the limit; rising: where it goes from there. reversals: in a row, the last two at `reversed_at`
-    (s).
-    """
-
-    share: float = 1.0
-    cycles: int = 0
-    extreme: float = 0.0
-    rising: bool = True
-    reversals: int = 0
-    reversed_at: tuple[float, float] = (-inf, -inf)
-
-    def watch(self, time: float, command: float, limit: float) -> "CommandWatch":
-        """Take in a command (rad/s) of a time (s) to a vehicle with this limit (rad/s)."""
-        size = command / limit
-        if (size > self.extreme) == self.rising:
-            return self._replace(extreme=size)
-        if abs(size - self.extreme) < SWING:
-            return self
-        # of two reversals, for a cycle about a turn spends longer on one side
-        before, last = self.reversed_at
-        count = self.reversals + 1 if time - before <= PERIOD else min(self.reversals, 1) + 1
-        after = self._replace(extreme=size, rising=not self.rising, reversals=count, reversed_at=(last, time))
-        if count < REVERSALS:
-            return after
-        return after._replace(share=max(self.share * LOWERED, LEAST), cycles=self.cycles + 1, reversals=0)

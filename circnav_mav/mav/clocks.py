@@ -220,6 +220,8 @@ KEPT = 5
 """Newest answers that count, and answers after which is asked less often."""
 EVERY, LATER_EVERY = 0.5, 1.0
 """Time between two questions, s."""
+UNANSWERED = 3.0
+"""Time without an answer, s, after which the vehicle may not receive us: three questions were lost."""
 MOST_REPEATS = 10
 """Questions in a row that are asked again in haste; who answers none of them does not hear us."""
 AGAIN = 0.2
@@ -262,6 +264,10 @@ class Timesync:
         """Of the newest, s; None before any answer."""
         return max(self.trips, default=None)
 
+    def silent(self, now: float, within: float) -> bool:
+        """True if the vehicle has answered before, but not within this time, s: our frames may be lost."""
+        return bool(self._answers) and now - self._answers[-1][0] > within
+
     @property
     def one_way(self) -> float:
         """The least that a frame of the vehicle has been under way of late, s: half of the quickest answer. 0 where no
@@ -285,6 +291,10 @@ class Timesync:
         if not self._answers or now - max(since, self._answers[-1][0]) > PATIENCE:
             return 0.0
         return float("inf")
+
+    def answered(self, now: float) -> bool:
+        """True if the vehicle has just answered a question, so that it receives us, or never answers any."""
+        return not self._answers or now - self._answers[-1][0] <= UNANSWERED
 
     def settled(self, now: float) -> bool:
         """Whether the round trip is known, or never will be."""

@@ -3,8 +3,10 @@
 And the telemetry streams: asked for with SET_MESSAGE_INTERVAL, measured, asked for again when they fall away.
 """
 
+from collections import Counter, deque
 from collections.abc import Container, Mapping
 from dataclasses import dataclass
+from math import ceil
 
 from pymavlink.dialects.v20 import all as dialect
 
@@ -16,10 +18,27 @@ MOST_IN_PROGRESS = 3
 RETRIES = 3
 LATE = 1.2
 """Of the time between first try and last: how long after the end of a command the answers to its repeats may come."""
+MOST_OWED = 64
+"""Unanswered commands of one number that are counted: more than are sent while a link is lost."""
+UNASKED, UNASKED_WITHIN = 2, 10.0
+"""Number of answers to us that nothing of ours asked for, and the time, s, in which they show another program."""
+ANSWERS_KEPT = 16
+"""Newest answers by which one that comes again by another way is recognized."""
 CHECK_EVERY = 3.0
 """Time, s, over which the rates of streams are measured."""
 LOW = 0.5
 """Fraction of the wanted rate below which a stream is asked for again."""
+GROUPS = {
+    dialect.MAVLINK_MSG_ID_RAW_IMU: dialect.MAV_DATA_STREAM_RAW_SENSORS,
+    dialect.MAVLINK_MSG_ID_HIGHRES_IMU: dialect.MAV_DATA_STREAM_RAW_SENSORS,
+    dialect.MAVLINK_MSG_ID_SYS_STATUS: dialect.MAV_DATA_STREAM_EXTENDED_STATUS,
+    dialect.MAVLINK_MSG_ID_ATTITUDE: dialect.MAV_DATA_STREAM_EXTRA1,
+    dialect.MAVLINK_MSG_ID_VFR_HUD: dialect.MAV_DATA_STREAM_EXTRA2,
+    dialect.MAVLINK_MSG_ID_SYSTEM_TIME: dialect.MAV_DATA_STREAM_EXTRA3,
+    dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: dialect.MAV_DATA_STREAM_EXTRA3,
+}
+"""Groups of REQUEST_DATA_STREAM by message id: all that firmware from before SET_MESSAGE_INTERVAL knows (ArduPilot
+before 4.0)."""
 RESULT_NAMES = {
     value: entry.name.removeprefix("MAV_RESULT_").lower().replace("_", " ")
     for value, entry in dialect.enums["MAV_RESULT"].items()
@@ -78,7 +97,19 @@ class CommandSender:
         self._results: list[CommandResult] = []
         self._held: dict[int, float] = {}
         """Until when answers to the repeats of what has ended may come, s, by number."""
-        self._newest = b""
+        self._newest: deque[bytes] = deque(maxlen=ANSWERS_KEPT)
+        self._owed: Counter[int] = Counter()
+        """Answers that may still come, by number."""
+        self._unasked: deque[float] = deque(maxlen=UNASKED)
+
+    def sent(self, number: int) -> None:
+        """Note a command that leaves. PX4 answers a change of mode twice."""
+        answers = 2 if number == dialect.MAV_CMD_DO_SET_MODE else 1
+        self._owed[number] = min(self._owed[number] + answers, MOST_OWED)
+
+    def answered_unasked(self, now: float) -> bool:
+        """True if the vehicle answers to us what nothing of ours asked: another program sends commands in our name."""
+        return len(self._unasked) == UNASKED and now - self._unasked[0] <= UNASKED_WITHIN
 
     def send(self, command: Command) -> None:
         """Queue a command; one that is already waiting is not queued twice."""
@@ -107,9 +138,16 @@ class CommandSender:
     def acknowledge(self, ack: Message, us: Ids, now: float) -> None:
         """Match a COMMAND_ACK of our vehicle; one that is addressed to somebody else is not ours, and a frame that two
         routers bring is one answer."""
-        before, self._newest = self._newest, bytes(ack.get_msgbuf())
-        if ack.target_system not in (0, us[0]) or ack.target_component not in (0, us[1]) or self._newest == before:
+        frame, target = bytes(ack.get_msgbuf()), (ack.target_system, ack.target_component)
+        known, repeated = frame in self._newest, bool(self._newest) and self._newest[-1] == frame
+        self._newest.append(frame)
+        if target[0] not in (0, us[0]) or target[1] not in (0, us[1]) or repeated:
             return
+        if ack.result != dialect.MAV_RESULT_IN_PROGRESS and not known:
+            if self._owed[ack.command] > 0:
+                self._owed[ack.command] -= 1
+            elif target == us:
+                self._unasked.append(now)
         pending = self._pending.get(ack.command)
         if pending is None:
             return
@@ -168,6 +206,9 @@ class StreamRequests:
         """wanted: message id -> Hz. maybe: of what the vehicle may not have; asked for again only once it was heard."""
         self._streams = {message_id: _Stream(rate) for message_id, rate in wanted.items()}
         self._since: float | None = None
+        self._group_due = float("-inf")
+        self.by_group = False
+        """Whether the vehicle does not know SET_MESSAGE_INTERVAL, so that REQUEST_DATA_STREAM is used."""
         self._maybe = maybe
 
     @property
@@ -177,8 +218,12 @@ class StreamRequests:
 
     @property
     def refused(self) -> list[str]:
-        """Names of the streams that the vehicle has denied."""
-        return [dialect.mavlink_map[ident].msgname for ident, stream in self._streams.items() if stream.denied]
+        """Names of the streams that the vehicle has denied, and does not send for an older request either."""
+        return [
+            dialect.mavlink_map[ident].msgname
+            for ident, stream in self._streams.items()
+            if stream.denied and not (self.by_group and ident in GROUPS and _flows(stream))
+        ]
 
     def heard(self, message_id: int) -> None:
         if message_id in self._streams:
@@ -188,10 +233,30 @@ class StreamRequests:
         """Ask for everything anew: a new link or a rebooted vehicle."""
         self._since = None
 
-    def denied(self, command: Command) -> None:
-        """The vehicle denied a stream: asking again would only fill the link."""
-        if stream := self._streams.get(int(command.params[0])):
+    def denied(self, result: CommandResult) -> None:
+        """The vehicle denied a stream: asking again would only fill the link. An older request is used if it does not
+        know this one."""
+        if stream := self._streams.get(int(result.command.params[0])):
             stream.denied = True
+            self.by_group |= result.result == dialect.MAV_RESULT_UNSUPPORTED
+
+    def group_requests(self, target: Ids, now: float) -> list[Message]:
+        """The older requests due now, for groups in which a stream is missing. Nothing acknowledges them."""
+        if not self.by_group or now < self._group_due:
+            return []
+        missing = {
+            ident
+            for ident, stream in self._streams.items()
+            if ident in GROUPS and not _flows(stream) and (stream.denied or stream.rate is not None)
+        }
+        if not missing:
+            return []
+        self._group_due = now + CHECK_EVERY
+        rates: dict[int, float] = {}
+        for ident, stream in self._streams.items():
+            if GROUPS.get(ident) in {GROUPS[one] for one in missing}:
+                rates[GROUPS[ident]] = max(rates.get(GROUPS[ident], 0.0), stream.wanted)
+        return [dialect.MAVLink_request_data_stream_message(*target, group, ceil(hz), 1) for group, hz in rates.items()]
 
     def poll(self, now: float) -> list[Command]:
         """The requests due now."""
@@ -213,6 +278,11 @@ class StreamRequests:
     def give_back(self) -> list[Command]:
         """The requests that restore the vehicle's own rates."""
         return [Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (message_id, 0)) for message_id in self._streams]
+
+
+def _flows(stream: _Stream) -> bool:
+    """True if a stream comes about as fast as is wanted."""
+    return stream.rate is not None and stream.rate >= LOW * stream.wanted
 
 
 def _interval(message_id: int, rate: float) -> Command:

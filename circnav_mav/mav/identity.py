@@ -1,7 +1,7 @@
-"""Who our vehicle is: the sender of the first HEARTBEAT that fits the mission. Nobody else ever becomes it."""
+"""Identity of our vehicle: the sender of the first HEARTBEAT that fits the mission, and the address it sends from."""
 
 from collections import Counter
-from collections.abc import Collection, Hashable
+from collections.abc import Callable, Collection, Hashable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -15,7 +15,9 @@ SPEAKS_1 = "speaks MAVLink 1 only: set its port to MAVLink 2 (ArduPilot: SERIALn
 AUTOPILOT_COMPONENT = dialect.MAV_COMP_ID_AUTOPILOT1
 NO_AUTOPILOT = (dialect.MAV_AUTOPILOT_INVALID, dialect.MAV_AUTOPILOT_GENERIC)
 MOVES_AFTER = 1.5
-"""Silence of the vehicle about its mode, s, after which it may speak from another address."""
+"""Silence of the vehicle's address, s, after which another address may become the vehicle's. Any message counts."""
+PROOF_LASTS = 2.0
+"""Time, s, for which a proof of the vehicle's identity counts: two heartbeats of PX4."""
 MOST_MISFITS = 16
 RIVAL_KEPT = 5.0
 """Time, s, for which a second sender counts as there: longer than the pauses between the heartbeats of a lossy link."""
@@ -98,83 +100,115 @@ class Allowance:
 
 
 class Identity:
-    """Keeps who the vehicle is, where it is spoken to, and why nobody else is."""
+    """Keeps the vehicle's ids and address, the address to reply to, and the reasons why other senders are rejected.
+
+    While any message of the vehicle's system comes from its address, no other address is accepted. After a silence the
+    vehicle may send from another address if it reports the time since boot that it must have by then. Only before the
+    flight, a vehicle that was lost is found again as at the beginning: the power may have been off.
+    """
 
     def __init__(self, settings: LinkSettings, adapters: tuple[Autopilot, ...]) -> None:
         """adapters: the vehicles that the mission allows; the pinned vehicle picks one."""
         self._settings = settings
         self._adapters = adapters
         self.adapter = adapters[0]
+        self.home: Sender | None = None
+        """The vehicle and its address, also while it is silent; None before it was found."""
         self.peer: Sender | None = None
-        """The pinned vehicle; None while there is none, or it is silent."""
-        self.first: Ids | None = None
-        """The vehicle heard first, also while it is silent."""
+        """`home` while the vehicle reports its mode, else None."""
         self.reply_to: Hashable = None
+        self.stays = False
+        """True if the vehicle was steered: from then on another address needs proof, however long the silence."""
         self.since = 0.0
-        """When the vehicle was found, or found again after a silence, s."""
+        """Time when the vehicle was found, or found again after a silence, s."""
+        self._heard_at = float("-inf")
+        """Time of the newest message of the vehicle's system from its address, s."""
+        self._proven: tuple[Hashable, float] = (None, float("-inf"))
+        """The newest other address that has proven to be the vehicle's, and when, s."""
         self.ignored: Counter[str] = Counter()
         self.vehicles: set[int] = set()
-        """Systems that have told of an autopilot: an id is one byte, they cannot be many."""
+        """Systems that have sent an autopilot's heartbeat: an id is one byte, so that the set is bounded."""
         self.misfits: dict[Ids, str] = {}
         self.rivals = Rivals()
 
     @property
     def strangers(self) -> Collection[int]:
-        """Systems of other vehicles; nobody is known to be one before ours is found."""
-        return () if self.first is None else self.vehicles - {self.first[0]}
+        """Systems of other vehicles; empty before the vehicle was found."""
+        return () if self.home is None else self.vehicles - {self.home.system}
 
-    def greet(self, source: Hashable) -> None:
-        """Speak to somebody who signs as we do, by a clock far behind ours (an autopilot without GPS has none): he
-        takes our timestamp over, and can be believed from then on. Only until the vehicle was heard."""
-        if self.first is None:
+    def greet(self, source: Hashable, now: float) -> None:
+        """Reply to a sender that cannot be accepted yet, unless another address is the vehicle's: one that sends
+        MAVLink 1 may switch to 2, one whose signing clock is behind (no GPS) adopts our timestamp."""
+        if self._may_be_at(source, now):
             self.reply_to = source
 
-    def receive(self, message: Message, source: Hashable, now: float, *, silence: float) -> bool:
-        """Whether a message is our vehicle's. A HEARTBEAT may be its first, or its first from another address after a
-        silence (s). Counted are heartbeats of other vehicles, and who speaks in its name from elsewhere meanwhile."""
-        who, is_heartbeat = Sender(*ids(message), source), message.get_type() == "HEARTBEAT"
+    def receive(
+        self, message: Message, source: Hashable, now: float, *, continues: Callable[[Message, float], bool]
+    ) -> bool:
+        """True if a message is our vehicle's. Only a HEARTBEAT pins it, or moves it to another address. Other senders
+        of its ids, and heartbeats of other vehicles, are counted. continues: True if a message carries the time since
+        boot that the vehicle must have by now."""
+        who, is_heartbeat, home = Sender(*ids(message), source), message.get_type() == "HEARTBEAT", self.home
         if is_heartbeat and who.component == AUTOPILOT_COMPONENT and message.autopilot not in NO_AUTOPILOT:
             self.vehicles.add(who.system)  # else it is a radio with a heartbeat
-        if is_heartbeat and (self.peer is None or (who.ids == self.peer.ids and silence > MOVES_AFTER)):
+        if home is not None and (who.system, source) == (home.system, home.source):
+            self._heard_at = now
+        silent = now - self._heard_at > MOVES_AFTER
+        if home is not None and who.ids == home.ids and silent and continues(message, now):
+            self._proven = (source, now)
+        ours = self.peer is None or who.ids == self.peer.ids
+        if is_heartbeat and ours and who != self.peer and self._may_be_at(source, now):
             self._consider(message, who, now)
-        if self.peer is None or who == self.peer:
-            return self.peer is not None
-        if who.ids == self.peer.ids and silence <= MOVES_AFTER:
-            self.rivals.heard(VEHICLE_NAME, who, self.peer, now)
-        if is_heartbeat and message.autopilot != dialect.MAV_AUTOPILOT_INVALID:
+        if who == self.peer:
+            return True
+        # A vehicle that moves sends a few other messages before its first heartbeat: these are no second sender's.
+        if home is not None and who.ids == home.ids and source != home.source and (is_heartbeat or not silent):
+            self.rivals.heard(VEHICLE_NAME, who, home, now)
+        if is_heartbeat and self.peer is not None and message.autopilot != dialect.MAV_AUTOPILOT_INVALID:
             self.ignored["other_vehicle"] += 1
         return False
 
+    def _may_be_at(self, source: Hashable, now: float) -> bool:
+        """True if the vehicle may send from this address."""
+        if self.home is None or source == self.home.source:
+            return True
+        if now - self._heard_at <= MOVES_AFTER:
+            return False
+        address, at = self._proven
+        found_anew = self.peer is None and not self.stays
+        return found_anew or (source == address and now - at <= PROOF_LASTS)
+
     def _consider(self, heartbeat: Message, who: Sender, now: float) -> None:
-        """Pin the sender of this heartbeat if it is the vehicle that the mission means; else note why not."""
+        """Pin the sender of this heartbeat if it is the vehicle that the mission means; else note the reason."""
         if heartbeat.autopilot == dialect.MAV_AUTOPILOT_INVALID or heartbeat.type == dialect.MAV_TYPE_GCS:
             return
         adapter = next((one for one in self._adapters if _fits(one, heartbeat)), None)
-        reason = self._misfit(heartbeat, who, adapter)
+        reason = self._misfit(heartbeat, who, adapter, now)
         if reason or adapter is None:
             if len(self.misfits) < MOST_MISFITS:
                 self.misfits[who.ids] = reason
             return
         if self.peer is None:
             self.adapter, self.since = adapter, now
-        self.peer, self.first, self.reply_to = who, who.ids, who.source
+        self.home = self.peer = who
+        self.reply_to, self._heard_at = who.source, now
 
-    def _misfit(self, heartbeat: Message, who: Sender, adapter: Autopilot | None) -> str:
-        """Why this is not our vehicle, for people; empty where it is."""
+    def _misfit(self, heartbeat: Message, who: Sender, adapter: Autopilot | None, now: float) -> str:
+        """Return why this is not our vehicle, human-readable; empty if it is."""
         wanted, system = self._settings.system_id, f"system {who.system}"
         if who.system == 0:  # what is said to 0 is said to everybody
             return f"{system} is no id of a vehicle: set its system id to 1 .. 255"
-        if self.first is not None and who.ids != self.first:
-            return f"{system} is not the vehicle heard first, system {self.first[0]}"
+        if self.home is not None and who.ids != self.home.ids:
+            return f"{system} is not the vehicle heard first, system {self.home.system}"
         if wanted is not None and who.system != wanted:
             return f"{system} is not the mission's vehicle.system_id {wanted}"
         if adapter is None:
             known = " or ".join(one.name for one in self._adapters)
             return f"{system} is {describe_vehicle(heartbeat)}, the mission is for {known}"
-        if self.first is not None and adapter is not self.adapter:
+        if self.home is not None and adapter is not self.adapter:
             return f"{system} is {describe_vehicle(heartbeat)} now, not the vehicle heard first"
         if heartbeat.get_msgbuf()[0] != V2:
-            self.reply_to = who.source  # our MAVLink 2 heartbeat makes many autopilots switch over
+            self.greet(who.source, now)  # our MAVLink 2 heartbeat makes many autopilots switch over
             return f"{system} {SPEAKS_1}"
         return ""
 

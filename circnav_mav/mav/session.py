@@ -25,10 +25,14 @@ TWIN_FRAMES, TWIN_WITHIN = 4, 10.0
 """So many frames in our name that we did not send, within so many seconds, are of another companion: it says at least a
 heartbeat a second. A stray one now and then is nobody's."""
 MOST_REPLIES = 4
+ECHO_RATE = 4.0
+"""Rate, Hz, of the vehicle's reports of the setpoint that it flies."""
+ECHOES = ("POSITION_TARGET_LOCAL_NED", "ATTITUDE_TARGET", "NAV_CONTROLLER_OUTPUT")
 HANDLED = frozenset(
-    getattr(dialect, f"MAVLINK_MSG_ID_{name}") for name in (*READ, "COMMAND_ACK", "TIMESYNC", "VFR_HUD", *ACCELERATIONS)
+    getattr(dialect, f"MAVLINK_MSG_ID_{name}")
+    for name in (*READ, "COMMAND_ACK", "TIMESYNC", "VFR_HUD", *ACCELERATIONS, *ECHOES)
 )
-"""Ids of the messages that a session or the motion sensor reads."""
+"""Ids of the messages that a session, the motion sensor or the pilot reads."""
 
 
 class Session:
@@ -109,11 +113,11 @@ class Session:
 
     def receive(self, message: Message, now: float, source: Hashable) -> bool:
         """Take one message in; tells whether it is of the pinned vehicle. Nobody else moves anything here."""
-        before, silence = self.peer, self.heartbeat_age(now)
+        before = self.peer
         if before is not None and ids(message) == self.us:
             self._in_our_name(bytes(message.get_msgbuf()), before, source, now)
             return False
-        ours = self.identity.receive(message, source, now, silence=silence)
+        ours = self.identity.receive(message, source, now, continues=self.vehicle.continues)
         if self.peer is not None and self.peer != before:
             self._pinned(self.peer, anew=before is None)
         if not ours:
@@ -155,7 +159,8 @@ class Session:
             self.vehicle.moved()
         else:
             self.vehicle.found(self.adapter)
-            self.streams = StreamRequests({**self.adapter.firmware.streams, **self._more_streams})
+            echo = {} if self.adapter.echo is None else {self.adapter.echo: ECHO_RATE}
+            self.streams = StreamRequests({**self.adapter.firmware.streams, **echo, **self._more_streams}, maybe=echo)
             self.commands.send(Command(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,)))
         if self.vehicle.unproven:
             self.commands.send(Command(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_SYSTEM_TIME,)))
@@ -163,8 +168,11 @@ class Session:
     # --- out ---
 
     def encode(self, message: Message) -> bytes:
-        """One frame in our name, remembered so that an echo of it is not taken for somebody else."""
+        """Encode one frame in our name. It is remembered, so that neither its echo nor its answer seems to be due to
+        another companion."""
         frame = self.encoder.encode(message)
+        if message.get_type() in ("COMMAND_LONG", "COMMAND_INT"):
+            self.commands.sent(message.command)
         self._sent.append(frame)
         return frame
 
@@ -176,9 +184,10 @@ class Session:
                 if result.command.number == dialect.MAV_CMD_DO_SET_MODE:
                     self._mode_results.append(result)  # for whoever asked
                 elif result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL and result.refused:
-                    self.streams.denied(result.command)
+                    self.streams.denied(result)
             for request in self.streams.poll(now):
                 self.commands.send(request)
+            messages += self.streams.group_requests(self.peer.ids, now)
             messages += self.commands.poll(self.peer.ids, now) + self.timesync.poll(now)
             messages += self.announcer.texts(now)
         return messages
@@ -196,8 +205,8 @@ class Session:
     def farewell(self) -> list[Message]:
         """Give the vehicle its own stream rates back, also where it is silent, and nobody else his; nobody waits for
         the answer."""
-        first = self.identity.first
-        return [] if first is None else [once(command, first) for command in self.streams.give_back()]
+        home = self.identity.home
+        return [] if home is None else [once(command, home.ids) for command in self.streams.give_back()]
 
     def heartbeats_due(self, now: float) -> list[Message]:
         """Our heartbeat, when due."""

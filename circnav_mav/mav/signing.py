@@ -40,10 +40,10 @@ class Refusal(Enum):
 
 
 class Signing:
-    """One key and its timestamps: the one that our next frame gets, and the newest of every stream heard.
+    """One key and its timestamps: that of our next frame, and the newest of every stream received.
 
-    `timestamp` goes with the clock (`advance`), with our own frames and with theirs, and never back. After a restart it
-    must begin no earlier than it ended.
+    `timestamp` follows the clock (`advance`), our own frames and those received, and never goes back. It is never less
+    than that of any accepted frame: kept across a restart (`resume`), this one number rejects every repeated frame.
     """
 
     def __init__(self, key: bytes, *, link_id: int = 0, timestamp: int = 0) -> None:
@@ -53,6 +53,7 @@ class Signing:
         self._key = key
         self._link_id = link_id
         self._newest: dict[tuple[int, int, int], int] = {}
+        self._resumed_at = -1
         self.timestamp = timestamp
 
     def __repr__(self) -> str:
@@ -61,6 +62,11 @@ class Signing:
     def advance(self, unix: float) -> None:
         """Tell the wall-clock time, unix seconds; a clock that was set back changes nothing."""
         self._reach(int((unix - EPOCH) * SECOND))
+
+    def resume(self, timestamp: int) -> None:
+        """Go on from the timestamp at which an earlier run ended: all frames up to it count as received."""
+        self._resumed_at = timestamp
+        self._reach(timestamp)
 
     def sign(self, frame: bytes) -> bytes:
         """One of our MAVLink 2 frames, signed; each gets a timestamp of its own."""
@@ -71,14 +77,17 @@ class Signing:
     def check(self, frame: bytes) -> Refusal | None:
         """Why a signed frame is not to be believed; None: it is, and it counts as heard.
 
-        A new stream (system, component, link id) may be a minute behind us, a known one must go on.
+        A stream (system, component, link id) that is new to this process may be a minute behind us, a known one must
+        go on.
         """
         if not is_signed_with(self._key, frame):
             return Refusal.WRONG
         stream = (frame[5], frame[6], frame[-SIGNATURE])
         timestamp = int.from_bytes(frame[1 - SIGNATURE : -_HASH], "little")
         newest = self._newest.get(stream)
-        if newest is None and timestamp + MINUTE < self.timestamp:
+        # A recorded frame is at most as new as the end of the run that received it. A sender whose clock is behind that
+        # is rejected, too, until its clock has passed it, or until it has adopted the timestamp of our own frames.
+        if newest is None and timestamp < max(self.timestamp - MINUTE, self._resumed_at + 1):
             return Refusal.BEHIND
         if newest is not None and timestamp <= newest:
             return Refusal.REPEATED

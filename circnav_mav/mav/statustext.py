@@ -5,6 +5,7 @@ from itertools import cycle
 
 from pymavlink.dialects.v20 import all as dialect
 
+from circnav_mav.foreign import printable
 from circnav_mav.mav.clocks import our_boot_ms
 from circnav_mav.mav.codec import Ids, Message, ids
 
@@ -82,5 +83,5 @@ class TextReader:
 
 
 def plain_text(text: str) -> str:
-    """A text that somebody else has made, up to its terminating zero, with nothing in it that a terminal would obey."""
-    return "".join(letter if letter.isprintable() else "?" for letter in text.partition("\0")[0])
+    """Text of a MAVLink message up to its terminating zero, printable."""
+    return printable(text.partition("\0")[0])

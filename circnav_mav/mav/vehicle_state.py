@@ -28,9 +28,11 @@ NOT_FLYING = (
     dialect.MAV_LANDED_STATE_LANDING,
 )
 """EXTENDED_SYS_STATE.landed_state in which an aircraft is not to be steered."""
+BOOT_TIMES = ("SYSTEM_TIME", "ATTITUDE", "ATTITUDE_QUATERNION")
+"""Types of the messages whose time since boot is read."""
 READ = (
-    *("HEARTBEAT", "CURRENT_MODE", "SYS_STATUS", "EXTENDED_SYS_STATE", "SYSTEM_TIME", "ATTITUDE"),
-    *("ATTITUDE_QUATERNION", "STATUSTEXT", "AUTOPILOT_VERSION"),
+    *("HEARTBEAT", "CURRENT_MODE", "SYS_STATUS", "EXTENDED_SYS_STATE", "STATUSTEXT", "AUTOPILOT_VERSION"),
+    *BOOT_TIMES,
 )
 """Types of the messages that are read here."""
 
@@ -95,6 +97,15 @@ class VehicleState:
         self._lost_ours = self.in_our_mode
         self.mode, self.armed = None, False
 
+    def continues(self, message: Message, now: float) -> bool:
+        """True if a message from another address carries the time since boot that this vehicle must have by now. A
+        frame that was sent before, and is sent again, does not."""
+        if self.boot.newest is None or message.get_type() not in BOOT_TIMES:
+            return False
+        passed = (now - self.boot.newest_at) * (self.clock_speed.found or 1.0)
+        step = self.boot.unwrapped(message.time_boot_ms / 1000) - self.boot.newest
+        return step > 0 and abs(step - passed) <= AHEAD + AHEAD_SHARE * passed
+
     def receive(self, message: Message, now: float) -> None:
         kind = message.get_type()
         self._late = self._overtaken(message.get_seq())
@@ -105,7 +116,7 @@ class VehicleState:
         elif kind == "CURRENT_MODE" and message.custom_mode:
             # proves the mode and the link as a heartbeat does: PX4 sends those once a second only, and some are lost
             self._tells_mode(message.custom_mode, self.armed, now)
-        elif kind in ("SYSTEM_TIME", "ATTITUDE", "ATTITUDE_QUATERNION"):
+        elif kind in BOOT_TIMES:
             self._tells_boot_time(message.time_boot_ms / 1000, now)
         elif kind == "SYS_STATUS":
             self._battery = float(message.battery_remaining) if message.battery_remaining >= 0 else None

@@ -2,11 +2,14 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from math import degrees, pi
+from math import ceil, degrees, isfinite, pi
 
 from circnav_mav.extension import extensions, load
+from circnav_mav.guidance.circle_change import LAPS
 from circnav_mav.guidance.laws import LAWS, settling_time, tolerated_drift
-from circnav_mav.guidance.watches import LAPS, MOST_TRIM
+from circnav_mav.guidance.margin import DESIGN_DRIFT, drift_with_margin, radius_with_margin
+from circnav_mav.guidance.turn_response import TOLD_LATE
+from circnav_mav.guidance.watches import MOST_TRIM
 from circnav_mav.mav.autopilots.table import REFUSED, allowed
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check, graded
 from circnav_mav.mav.ranging.driver import split_driver
@@ -28,7 +31,7 @@ DRIFT_LAWS = frozenset({"auto", "drift"})
 
 def check_mission(mission: Mission) -> list[Check]:
     """All the lines for a mission."""
-    parts = (_keys, _vehicle, _estimator, _gain, _trim, _radius, _turn_rate, check_ranging, _drift, _signing)
+    parts = (_keys, _vehicle, _estimator, _gain, _trim, _radius, _turn_rate, check_ranging, _drift, _margin, _signing)
     return [*(line for part in parts for line in _of_circles(mission, part)), *_laps(mission), *_of_extensions(mission)]
 
 
@@ -173,6 +176,29 @@ def _drift(mission: Mission) -> Iterator[Check]:
     seconds = settling_time(far, orbit.speed, orbit.radius, orbit.max_turn_rate * gain)
     way = f"by the shortest tangent (Dubins) from {far:.0f} m in still air, flying away from it at first"
     yield Check(PASS, "settling", f"about {seconds:.0f} s {way}; laws on range alone may take twice as long")
+
+
+def _margin(mission: Mission) -> Iterator[Check]:
+    """Whether the turn loop keeps its stability margin in the wind that the geometry allows; of the drift law, which
+    is tuned in flight by the delay that it measures: before, the mission's turn_lag_s stands for it."""
+    orbit, allowed_drift, delay = mission.orbit, drift_allowed(mission), mission.file.vehicle.turn_lag_s
+    if mission.law.name not in DRIFT_LAWS or allowed_drift <= 0 or delay <= 0:
+        return
+    late = TOLD_LATE if any(one.banks for one in mission.vehicles) else 0.0
+    V, r_d, loop = orbit.speed, orbit.radius, (delay, late, orbit.max_turn_rate)
+    wanted = min(allowed_drift, DESIGN_DRIFT * V)
+    kept = drift_with_margin(V, r_d, wanted, *loop)
+    if kept >= wanted:
+        words = f"at {delay:g} s of delay the turn loop keeps its margin in wind less target motion of {kept:.1f} m/s"
+        yield Check(PASS, "margin", words)
+        return
+    until = f"in wind less target motion above {kept:.1f} m/s" if kept > 0 else "even in still air"
+    words = (
+        f"at {delay:g} s of delay the turn loop has too little stability margin on this circle {until}: it may swing"
+    )
+    radius = radius_with_margin(V, r_d, wanted, *loop)
+    larger = f"a radius of {ceil(radius):g} m holds up to {wanted:.1f} m/s" if isfinite(radius) else "lower V"
+    yield Check(WARN, "margin", f"{words}; {larger}")
 
 
 def _laps(mission: Mission) -> Iterator[Check]:

@@ -90,8 +90,8 @@ def _calibration(mission: Mission) -> Iterator[Check]:
 
 def _sampling(mission: Mission) -> Iterator[Check]:
     period = 1 / mission.file.ranging.rate_hz
-    stale = mission.file.limits.stale_s
-    words = f"a range every {period:.3f} s, stale after {stale:g} s (at least two must fit)"
+    stale = mission.stale
+    words = f"a range every {period:.3f} s, stale after {stale:.3g} s (at least two must fit)"
     yield Check(graded(period / stale, warn_above=0.5, fail_above=1.0), "sampling", words)
     if LAWS[mission.law.name].switches:
         turn = min(mission.law.gain, mission.orbit.max_turn_rate) * period
@@ -104,9 +104,9 @@ def _delay(mission: Mission) -> Iterator[Check]:
     """A link that may be engaged over must not make its ranges stale at once."""
     limits = mission.file.limits
     late = limits.round_trip_s / 2
-    if mission.file.ranging.endpoint is None and late > limits.stale_s:
+    if mission.file.ranging.endpoint is None and late > mission.stale:
         words = f"limits.round_trip_s = {limits.round_trip_s:g} lets a link be flown over whose ranges are {late:g} s"
-        lost = f"beyond limits.stale_s = {limits.stale_s:g} they are lost"
+        lost = f"beyond limits.stale_s = {mission.stale:g} they are lost"
         yield Check(WARN, "delay", f"{words} under way; {lost}")
 
 

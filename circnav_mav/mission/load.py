@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import BaseModel, ValidationError, create_model
 from pydantic_core import ErrorDetails
 
+from circnav_mav import foreign
 from circnav_mav.extension import table_models
 from circnav_mav.mav.autopilots.table import allowed, table_key
 from circnav_mav.mav.ranging.driver import split_driver
@@ -36,7 +37,7 @@ def load_mission(path: str | Path, overrides: Iterable[str] = ()) -> Mission:
 def read_text(path: Path) -> str:
     """The text of a file. Raises MissionError."""
     try:
-        return path.read_text(encoding="utf-8")
+        return foreign.read_text(path)
     except OSError as error:
         raise MissionError(f"{path}: cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError:
@@ -46,40 +47,11 @@ def read_text(path: Path) -> str:
 def read_toml(text: str, where: str) -> dict[str, Any]:
     """The table of a TOML text; `where` names it in errors. Raises MissionError."""
     try:
-        return _loads(text, where)
-    except tomllib.TOMLDecodeError as error:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
         at = re.search(r"at line (\d+)", str(error))
         line = text.split("\n")[int(at[1]) - 1].strip()[:MOST_SHOWN] if at else ""
         raise MissionError(f"{where}: not valid TOML: {error}" + (f": {line!r}" if line else "")) from None
-    except RecursionError:
-        raise MissionError(f"{where}: not valid TOML: nested too deeply") from None
-
-
-def _loads(text: str, where: str) -> dict[str, Any]:
-    """As tomllib reads it, whole numbers only as far as TOML has them. Raises TOMLDecodeError, RecursionError,
-    MissionError."""
-    try:
-        table = tomllib.loads(text)
-        key = next(_beyond(table, ""), None)
-    except tomllib.TOMLDecodeError:
-        raise
-    except ValueError:  # Python reads no decimal of thousands of digits
-        key = "a number"
-    if key is not None:
-        raise MissionError(f"{where}: {key} is beyond 64 bits: give a smaller number")
-    return table
-
-
-def _beyond(value: Any, key: str) -> Iterator[str]:
-    """The keys of whole numbers that TOML does not have."""
-    if isinstance(value, Mapping):
-        for name, part in value.items():
-            yield from _beyond(part, f"{key}.{name}" if key else name)
-    elif isinstance(value, list):
-        for part in value:
-            yield from _beyond(part, key)
-    elif isinstance(value, int) and not -(2**63) <= value < 2**63:
-        yield key
 
 
 def parse_mission(text: str, where: str, overrides: Iterable[str] = (), folder: Path | None = None) -> Mission:
@@ -87,9 +59,12 @@ def parse_mission(text: str, where: str, overrides: Iterable[str] = (), folder: 
     become absolute, so that the file as flown can be flown again from its run folder. Raises MissionError."""
     table = read_toml(text, where)
     changes = [(*_override(override), override) for override in overrides]
-    _change(table, changes, folder, where)
-    flown = text if table == tomllib.loads(text) else _written(text, changes, folder, table)
-    return mission_of(table, where, flown)
+    try:
+        _change(table, changes, folder, where)
+        flown = text if table == tomllib.loads(text) else _written(text, changes, folder, table)
+        return mission_of(table, where, flown)
+    except (ValueError, OverflowError, RecursionError) as error:  # as of a number of thousands of digits
+        raise MissionError(f"{where}: cannot be read as a mission: {error}") from None
 
 
 def _change(table: Any, changes: Iterable[tuple[list[str], Any, str]], folder: Path | None, where: str) -> None:
@@ -138,7 +113,8 @@ def mission_of(table: Mapping[str, Any], where: str, text: str = "") -> Mission:
 def whole_schema() -> type[MissionFile]:
     """Return the schema of a mission file with the tables of the extras that are installed."""
     tables: dict[str, Any] = {name: (model, model()) for name, model in table_models().items()}
-    return create_model("MissionFile", __base__=MissionFile, __doc__=MissionFile.__doc__, **tables)
+    doc = "The whole file. `sim` belongs to the bundled vehicle, which checks it itself."
+    return create_model("MissionFile", __base__=MissionFile, __doc__=doc, **tables)
 
 
 def _clashes(file: MissionFile) -> Iterator[str]:
@@ -194,8 +170,8 @@ def _override(text: str) -> tuple[list[str], Any]:
     if not sign or not key.strip():
         raise MissionError(f"--set {text}: write it as table.key=value")
     try:
-        parsed = next(iter(_loads(f'"{key.strip()}" = {value.strip()}', "--set").values()))
-    except (tomllib.TOMLDecodeError, RecursionError):
+        parsed = next(iter(tomllib.loads(f'"{key.strip()}" = {value.strip()}').values()))
+    except (ValueError, RecursionError):
         parsed = value.strip()
     return key.strip().split("."), parsed
 
@@ -245,9 +221,9 @@ def _one_in_words(problem: ErrorDetails, schema: type[BaseModel]) -> str:
         near = near or [anywhere[name] for name in get_close_matches(place[-1], anywhere, n=1, cutoff=0.7)]
         return f"{key}: unknown key, " + (f"did you mean {near[0]}?" if near else f"known here: {', '.join(known)}")
     if kind == "literal_error":
-        return f"{key}: {given!r} is not one of {context['expected']}"
+        return f"{key}: {_shown(given)} is not one of {context['expected']}"
     if kind == "model_type":
-        return f"{key}: must be a table, not {given!r}"
+        return f"{key}: must be a table, not {_shown(given)}"
     if kind == "finite_number":
         field = _table(schema, place[:-1]).model_fields.get(place[-1])
         # a key that is needed has no default at all
@@ -257,7 +233,12 @@ def _one_in_words(problem: ErrorDetails, schema: type[BaseModel]) -> str:
     if bound is not None and isinstance(given, int | float):
         return f"{key}: must be {bound}, not {given:g}"
     said = problem["msg"][:1].lower() + problem["msg"][1:]
-    return f"{key}: {said.removeprefix('input ')}, not {given!r}{_number_meant(kind, given)}"
+    return f"{key}: {said.removeprefix('input ')}, not {_shown(given)}{_number_meant(kind, given)}"
+
+
+def _shown(given: Any) -> str:
+    """A value as Python writes it, its beginning if it is long."""
+    return repr(given)[:MOST_SHOWN]
 
 
 def _number_meant(kind: str, given: Any) -> str:

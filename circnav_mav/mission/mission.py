@@ -3,11 +3,12 @@
 from dataclasses import dataclass, replace
 from math import inf, radians, tan
 
+from circnav_mav.guidance.circle_change import CircleLimits
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
-from circnav_mav.guidance.estimators.range_rate import SteadyState, steady_state
+from circnav_mav.guidance.estimators.range_rate import SteadyState
 from circnav_mav.guidance.estimators.table import default_estimator
 from circnav_mav.guidance.step import LawChoice
-from circnav_mav.guidance.tuning import default_gain
+from circnav_mav.guidance.tuning import LawTuning
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.guidance.watches import Bounds
 from circnav_mav.mav.autopilots.interface import AirLoops, Autopilot, VehicleFacts
@@ -17,12 +18,16 @@ from circnav_mav.mav.identity import LinkSettings
 from circnav_mav.mav.ranging.driver import split_driver
 from circnav_mav.mav.ranging.interface import RangingSettings
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
-from circnav_mav.mission.schema import MissionFile
+from circnav_mav.mission.schema import MOST_STALE, MissionFile
 from circnav_mav.pilot import LINKS, RANGING, VEHICLE, OutputMode, PilotSettings, Timing
 from circnav_mav.pilot.settings import HeightSettings
 
 MOST_NOISE = 0.5
 """Standard deviation of a range, of the radius, above which it tells nothing about the circle."""
+STALE_PERIODS, LEAST_STALE = 2.5, 0.5
+"""Default of `limits.stale_s` in periods of the radio, so that a single lost range stops nothing; and at least, s."""
+END_SHARE, CARRIES_FAR = 0.975, 1000.0
+"""Default of `bounds.max_range_m` as a share of what the message carries, for messages that end before so many m."""
 SIM = "sim"
 """The endpoint that stands for the bundled vehicle."""
 
@@ -58,16 +63,29 @@ class Mission:
         return Orbit(self.radii[0], direction, vehicle.speed_mps, min(banked, given))
 
     @property
+    def tuning(self) -> LawTuning:
+        """The law, and what its gain follows from on any circle."""
+        guidance, ranging = self.file.guidance, self.file.ranging
+        return LawTuning(
+            guidance.law,
+            self.estimation,
+            self.file.vehicle.turn_lag_s,
+            ranging.sigma_m,
+            1 / ranging.rate_hz,
+            guidance.gain,
+            guidance.correct_radius,
+            ranging.rate_sigma_mps if self.estimator == "measured" else None,
+        )
+
+    @property
     def law(self) -> LawChoice:
-        """The law with its gain: the file's, or the default."""
-        guidance = self.file.guidance
-        gain = guidance.gain or self.default_gain
-        return LawChoice(guidance.law, gain, guidance.correct_radius, self.file.vehicle.turn_lag_s)
+        """The law with its gain on the first circle: the file's, or the default."""
+        return self.tuning.choice(self.orbit)
 
     @property
     def default_gain(self) -> float:
         """The law's default for this circle and the delay of this loop."""
-        return default_gain(self.file.guidance.law, self.orbit.speed, self.orbit.radius, self.loop_lag)
+        return self.tuning.default_gain(self.orbit)
 
     @property
     def estimator(self) -> str:
@@ -77,17 +95,12 @@ class Mission:
     @property
     def loop_lag(self) -> float:
         """Delay from a change of range rate to the vehicle's turn, s: the filter's and the vehicle's."""
-        return self.file.vehicle.turn_lag_s + self.steady_estimate.lag
+        return self.tuning.loop_lag(self.orbit.radius)
 
     @property
     def steady_estimate(self) -> SteadyState:
-        """Noise and lag of the range rate on the circle: of a filter by the ranges alone, for a measured rate may be
-        dropped in flight, and the gains stay."""
-        ranging = self.file.ranging
-        period = 1 / ranging.rate_hz
-        if self.estimator == "measured":
-            return SteadyState(ranging.rate_sigma_mps, period / 2)
-        return steady_state(self.estimation, r=self.orbit.radius, sigma=ranging.sigma_m, period=period)
+        """Noise and lag of the range rate on the circle."""
+        return self.tuning.steady_estimate(self.orbit.radius)
 
     @property
     def estimation(self) -> EstimatorSettings:
@@ -110,6 +123,19 @@ class Mission:
         """Farthest range that counts, m: the file's limit within what the message can carry."""
         carried = RANGING_MESSAGES[self.file.ranging.message].farthest
         return min(self.file.ranging.max_range_m or carried, carried)
+
+    @property
+    def farthest(self) -> float | None:
+        """Horizontal range at which the vehicle is given back, m: the file's bound, or short of where the ranges of a
+        message end that does not carry far."""
+        end = RANGING_MESSAGES[self.file.ranging.message].farthest
+        return self.file.bounds.max_range_m or (END_SHARE * end if end < CARRIES_FAR else None)
+
+    @property
+    def stale(self) -> float:
+        """Age of the newest range up to which it may steer, s: the file's, or long enough for one lost range."""
+        usual = min(max(STALE_PERIODS / self.file.ranging.rate_hz, LEAST_STALE), MOST_STALE)
+        return self.file.limits.stale_s or usual
 
     @property
     def ranging_driver(self) -> str | None:
@@ -159,7 +185,7 @@ class Mission:
             facts=self._facts(),
             bounds=Bounds(
                 closest=file.bounds.min_range_m,
-                farthest=file.bounds.max_range_m,
+                farthest=self.farthest,
                 lowest=file.bounds.min_altitude_m,
                 highest=file.bounds.max_altitude_m,
                 battery=file.bounds.min_battery_percent,
@@ -171,8 +197,9 @@ class Mission:
                 duration=file.limits.duration_s,
                 wait_link=file.link.wait_s,
                 wait_ranging=file.link.wait_s,
-                stale=file.limits.stale_s,
+                stale=self.stale,
                 hold=file.limits.hold_s,
+                unfollowed=file.limits.unfollowed_s,
                 outage=file.limits.outage_s,
                 round_trip=file.limits.round_trip_s,
                 tick=1 / file.limits.tick_hz,
@@ -190,7 +217,21 @@ class Mission:
             ),
             unsigned_links=self._unsigned_links(),
             height=self.height,
-            later_circles=tuple((circle.orbit, circle.law) for circle in self.circles[1:]),
+            tuning=self.tuning,
+            later_radii=self.radii[1:],
+            circle_limits=self._circle_limits(),
+        )
+
+    def _circle_limits(self) -> CircleLimits:
+        """What a change of the circle in flight must keep to."""
+        bounds, given = self.file.bounds, self.file.vehicle.turn_gain
+        gains = [given] if isinstance(given, float) else [one.least_turn_gain for one in self.vehicles]
+        return CircleLimits(
+            speed=self.orbit.speed,
+            nearest=bounds.min_range_m or 0.0,
+            farthest=min(bounds.max_range_m or inf, self.max_range),
+            keeps_speed=any(one.cruises for one in self.vehicles),
+            turn_gain=min(gains, default=1.0),
         )
 
     def _unsigned_links(self) -> frozenset[str]:
@@ -202,11 +243,9 @@ class Mission:
     def _ranging(self) -> RangingSettings:
         calibration = {"scale", "bias_m", "delay_s", "points_m"}
         given = self.file.ranging.model_dump(exclude={"endpoint", *calibration}) | {"max_range_m": self.max_range}
-        if given["beacon_id"] is None and not self.ranging_driver:
-            given["beacon_id"] = 0  # a driver's beacons are senders of their own: without an id the first heard counts
         most = max(MOST_NOISE * min(self.radii), 3 * self.file.ranging.sigma_m)
         return RangingSettings(
-            **given, max_age=self.file.limits.stale_s, max_sigma=most, calibration=self.file.ranging.calibration
+            **given, max_age=self.stale, max_sigma=most, calibration=self.file.ranging.calibration
         )
 
     def _facts(self) -> VehicleFacts:

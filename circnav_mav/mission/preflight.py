@@ -44,6 +44,7 @@ def judge(mission: Mission, survey: Survey, clock_speed: float = 1.0) -> list[Ch
         tick=1 / mission.file.limits.tick_hz,
         system=survey.session.vehicle_ids[0],
         values=survey.parameters,
+        circle_turn_rate=mission.orbit.speed / min(mission.radii),
     )
     lines += [line for rule in survey.session.adapter.parameters if (line := rule.check(context)) is not None]
     told = [text for text in survey.texts if any(word in text.lower() for word in TROUBLE)]
@@ -123,6 +124,9 @@ def _company(mission: Mission, survey: Survey) -> Iterator[Check]:
 def _streams(mission: Mission, survey: Survey) -> Iterator[Check]:
     if (silence := survey.session.heartbeat_age(survey.end)) > SILENT:
         yield Check(FAIL, "heartbeat", f"the vehicle fell silent {silence:.1f} s before the end")
+    if survey.session.streams.by_group:
+        words = "SET_MESSAGE_INTERVAL is unsupported: old firmware, REQUEST_DATA_STREAM is used"
+        yield Check(WARN, "stream", words)
     for message_id, (wanted, measured) in survey.streams.items():
         name = dialect.mavlink_map[message_id].msgname
         words = f"{name} {measured:.1f} Hz, {wanted:g} Hz asked for"

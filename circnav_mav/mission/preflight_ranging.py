@@ -34,6 +34,10 @@ def judge_ranging(mission: Mission, survey: Survey) -> Iterator[Check]:
     """Lines about the ranges: whether they come, how often, how late and how noisy, and whether their stamps hold."""
     ranges, height = survey.ranges, survey.height.at(survey.end)
     yield from _height(mission, survey, height)
+    if choice := survey.ranging.sources.choice(survey.end):
+        # ranges of two targets have no common noise, age or distance
+        yield Check(FAIL, "ranging", f"{choice}. A flight does not engage")
+        return
     yield _heard(mission, survey)
     yield _rejected(mission, survey)
     if len(ranges) >= 10:
@@ -55,7 +59,7 @@ def _heard(mission: Mission, survey: Survey) -> Check:
             return Check(FAIL, "ranging", f"no usable {message}. Heard: {heard}. Compare with the mission's [ranging]")
         link = survey.connection.counts[RANGING if mission.file.ranging.endpoint else VEHICLE]
         return Check(FAIL, "ranging", f"no {message}; {link.describe()}")
-    wanted, stale = mission.file.ranging.rate_hz, mission.file.limits.stale_s
+    wanted, stale = mission.file.ranging.rate_hz, mission.stale
     rate = len(survey.ranges) / survey.seconds
     grade = FAIL if rate < 1 / stale else PASS if rate >= FULL_RATE * wanted else WARN
     words = f"{len(survey.ranges)} ranges in {survey.seconds:.1f} s, {rate:.1f} Hz, the mission says {wanted:g} Hz"
@@ -63,21 +67,11 @@ def _heard(mission: Mission, survey: Survey) -> Check:
 
 
 def _rejected(mission: Mission, survey: Survey) -> Check:
-    """Messages of others do no harm where the mission names ours, or one is the autopilot's echo of the
-    other."""
-    table, rejected = mission.file.ranging, survey.ranging.rejected
-    names = (table.component_id, table.system_id, table.beacon_id if mission.ranging_driver else None)
+    """Messages of other sources do no harm: one source is used, and `_heard` names several."""
+    rejected = survey.ranging.rejected
     counts = {reason: count for reason, count in rejected.items() if reason not in OTHERS}
     words = describe_rejected(dict(sorted(rejected.items())))
     share = sum(counts.values()) / max(sum(counts.values()) + len(survey.ranges), 1)
-    system, component = survey.session.vehicle_ids
-    senders = {carrier.split()[0] for carrier in survey.carriers}
-    echoes = survey.session.adapter.firmware.echoes_ranges
-    echoed = echoes and f"{system}/{component}" in senders and len(senders) == 2
-    if "wrong_source" in rejected and names == (None,) * 3 and not (echoed and survey.ranges):
-        if mission.ranging_driver:
-            return Check(WARN, "rejected", f"{words}: several beacons, name yours with ranging.beacon_id")
-        return Check(WARN, "rejected", f"{words}: several senders, name yours with ranging.component_id")
     return Check(WARN if share > MOST_REJECTED else PASS, "rejected", words)
 
 
@@ -154,7 +148,7 @@ def _age(mission: Mission, survey: Survey) -> Check:
     age = survey.end - survey.ranges[-1].time
     delays = sorted(one.arrival - one.time for one in survey.ranges)
     late = delays[int(0.95 * (len(delays) - 1))]
-    stale = mission.file.limits.stale_s
+    stale = mission.stale
     grade = FAIL if age > stale else WARN if late > LATE else PASS
     words = f"95 % come within {1000 * late:.0f} ms of the quickest (a constant delay cannot be seen)"
     return Check(grade, "age", f"newest {age:.2f} s old (stale from {stale:g} s); {words}")

@@ -20,6 +20,12 @@ SELDOM = "seldom set"
 FAR = 1e9
 """Most that a number may be: beyond, products of a few of them are no numbers any more."""
 MOST_PORT = 65535
+MOST_STALE = 5.0
+"""Age of a range, s, that nothing should be steered by."""
+MAX_NAME = 100
+"""Most characters of a mission's name: with a time before it, it names the run folder."""
+MAX_CIRCLES = 50
+"""Most circles of a mission: the live page is sent all of them in one line, which a pipe takes up to 4 kB long."""
 Positive = Annotated[float, Field(gt=0, le=FAR)]
 NotNegative = Annotated[float, Field(ge=0, le=FAR)]
 Height = Annotated[float, Field(ge=-FAR, le=FAR)]
@@ -46,8 +52,8 @@ _RADIUS = TypeAdapter(Positive, config=ConfigDict(strict=True, allow_inf_nan=Fal
 
 def _radii(given: Any) -> float | list[float]:
     """A radius, or a list of them."""
-    if given == []:
-        raise PydanticCustomError("radii", "must be a radius, or the radii of the circles in their order")
+    if isinstance(given, list) and not 0 < len(given) <= MAX_CIRCLES:
+        raise PydanticCustomError("radii", f"must be a radius, or those of 1 to {MAX_CIRCLES} circles in their order")
     if isinstance(given, list):
         return [_RADIUS.validate_python(one) for one in given]
     return _RADIUS.validate_python(given)
@@ -196,8 +202,9 @@ class LimitsTable(Table):
     """[limits]"""
 
     duration_s: Positive
-    stale_s: Annotated[float, Field(gt=0, le=5)] = 0.5
+    stale_s: Annotated[float, Field(gt=0, le=MOST_STALE)] | None = None
     hold_s: NotNegative = 10.0
+    unfollowed_s: NotNegative = 10.0
     outage_s: Annotated[NotNegative, SELDOM] = 60.0
     round_trip_s: Annotated[float, Field(gt=0, le=10), SELDOM] = 0.6
     tick_hz: Annotated[float, Field(ge=5, le=100), SELDOM] = 20.0  # PX4 leaves OFFBOARD below 2 Hz
@@ -228,7 +235,7 @@ class LogTable(Table):
 class MissionFile(Table):
     """The whole file, without the tables of extras. `sim` belongs to the bundled vehicle, which checks it itself."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")]
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$", max_length=MAX_NAME)]
     vehicle: VehicleTable
     orbit: OrbitTable
     guidance: GuidanceTable

@@ -53,7 +53,7 @@ class Connection:
             of_vehicle = link == VEHICLE and self.session.receive(message, now, source)
             yield message, of_vehicle, link == self.ranging_link and message.get_msgId() == self.ranging_message.id
         if link == VEHICLE and decoder.behind:
-            self.session.identity.greet(source)
+            self.session.identity.greet(source, now)
 
     def hello(self, now: float) -> bytes:
         """What goes out on a separate ranging link: a heartbeat, for routers forward only to those who have spoken."""

@@ -2,13 +2,15 @@
 
 from math import ceil, isfinite
 
-from circnav_mav.guidance.step import Flies, compensate_turn_gain, holding
+from circnav_mav.guidance.circle_change import MIN_INTERVAL, NEAR, SPEED_SHARE, CircleRequest, LapCounter, obstacle
+from circnav_mav.guidance.lean_limit import LeanLimit
+from circnav_mav.guidance.step import Flies, Steering, compensate_turn_gain, holding
 from circnav_mav.guidance.turn_response import Response, TurnAnswer
-from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, TurnCommand
-from circnav_mav.guidance.watches import Circles, CommandWatch, next_trim
+from circnav_mav.guidance.types import SAME_TIME, OwnMotion, RangeEstimate, TurnCommand
+from circnav_mav.guidance.watches import next_trim
 from circnav_mav.mav.autopilots.interface import Addressee
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.frames import YawRate, yaw_rate_from_turn_rate
+from circnav_mav.mav.frames import YawRate, turn_rate_from_yaw_rate, yaw_rate_from_turn_rate
 from circnav_mav.mav.session import Session
 from circnav_mav.mav.setpoint_guard import Limits, SetpointGuard, Steer
 from circnav_mav.pilot.mission_state import Phase
@@ -37,11 +39,15 @@ class Controller:
     def __init__(self, settings: PilotSettings) -> None:
         orbit, facts = settings.orbit, settings.facts
         self._settings = settings
-        self._circles = Circles((orbit, settings.law), *settings.later_circles)
+        self.orbit = orbit
+        """The circle that is flown now."""
+        self._steer = Steering(orbit, settings.law)
+        self._later, self._laps = list(settings.later_radii), LapCounter()
+        self._changed_at = float("-inf")
         self._guard = SetpointGuard(
             Limits(
                 max_yaw_rate=orbit.max_turn_rate,
-                max_speed=orbit.speed,
+                max_speed=orbit.speed * (1 if settings.circle_limits.keeps_speed else 1 + SPEED_SHARE),
                 max_yaw_acceleration=settings.max_yaw_acceleration,
                 max_bank=facts.max_bank,
                 max_pitch=facts.loops.max_pitch,
@@ -51,20 +57,17 @@ class Controller:
         )
         lag, gain, link = settings.turn_lag, settings.turn_gain, settings.timing.tick
         self._answer = TurnAnswer(lag, orbit.max_turn_rate, gain=gain, link=link)
-        self.watch = CommandWatch()
-        """For a turn command that swings from limit to limit: how often it did, and what that has left of the gains."""
+        self.turns = self._answer.monitor
+        """Compares commanded and flown turns: not followed, or in a limit cycle."""
         self._followed_at = self._slow_at = float("-inf")
         self._height: float | None = None
+        self.lean = LeanLimit()
+        """Limit of a copter's lean, as found in flight, and the speed that it allows."""
         self.drag = 0.0
         """Of a copter, 1/s, as learnt in flight."""
         self._trim = 0.0
         self._steered: tuple[float, float] | None = None
         """Time, s, and range, m, of the last steered step."""
-
-    @property
-    def orbit(self) -> Orbit:
-        """The circle that is flown now."""
-        return self._circles.orbit
 
     @property
     def turn_gain(self) -> float:
@@ -83,6 +86,11 @@ class Controller:
         return found if isfinite(found) else None
 
     @property
+    def speed(self) -> float:
+        """Speed to command, m/s: V, or what a copter's lean limit leaves of it."""
+        return self.orbit.speed * self.lean.share
+
+    @property
     def response(self) -> Response:
         """How the vehicle answers turn commands, as used now."""
         return self._answer.response
@@ -98,11 +106,15 @@ class Controller:
         now = float(self._answer.by_command.time)
         return now - self._followed_at <= DOUBTED_AFTER and now - self._slow_at >= SPEED_UP - SAME_TIME
 
-    def on_motion(self, own: OwnMotion) -> None:
-        """Learn the turn-rate gain and the delay from the vehicle's heading, and whether it flies as commanded."""
+    def on_motion(self, own: OwnMotion, nose: OwnMotion) -> None:
+        """Learn the turn-rate gain and the delay from the vehicle's heading, and whether it flies as commanded. nose:
+        motion as it was reported."""
         before = self._answer.by_command.time
         if not self._answer.feel(own):
             return
+        self._answer.watch(nose)
+        if self.at_speed:
+            self.lean = self.lean.follow(own)
         if own.time - before > LONGEST_GAP:
             self._slow_at = self._followed_at = own.time
         if self.followed:
@@ -119,29 +131,43 @@ class Controller:
         motion = estimate.relative if estimate is not None else None
         pending = self._answer.pending(now, 0.0 if motion is None else motion.turn_rate)
         if phase is Phase.ENGAGED and estimate is not None:
-            command = self._circles.steer(estimate, self._trim, pending, self.watch.share)
+            command = self._steer(estimate, self._trim, pending, self.turns.share)
             self._trim_radius(estimate, command)
-            if self._circles.turned(estimate, command.turn_rate):
-                self._trim = 0.0  # it was learnt on the circle before
+            if self._later and self._laps.complete(estimate, orbit, command.turn_rate):
+                self.change_circle(CircleRequest(radius=self._later.pop(0), by="mission"), now)
         elif phase is Phase.HOLDING:
             command = holding(orbit, motion, pending)
         else:
             return None
-        if command.flies == DRIFT:  # a search that tries one guess after another turns to and fro for a reason
-            self.watch = self.watch.watch(now, command.turn_rate, orbit.max_turn_rate)
         return compensate_turn_gain(command, orbit.max_turn_rate, self.turn_gain)
+
+    def change_circle(self, request: CircleRequest, now: float) -> str:
+        """Fly another circle from now on. Return why it cannot be flown, empty if it is."""
+        if now - self._changed_at < MIN_INTERVAL - SAME_TIME:
+            return f"{now - self._changed_at:.2f} s after the last change, wait {MIN_INTERVAL:g} s"
+        wanted = request.applied(self.orbit)
+        if why := obstacle(request, self.orbit, self._settings.circle_limits):
+            return why
+        try:
+            self._steer.change(wanted, self._settings.tuning.choice(wanted))
+        except ValueError as error:
+            return str(error)
+        if abs(wanted.radius / self.orbit.radius - 1) > NEAR or wanted.direction is not self.orbit.direction:
+            self._trim = 0.0  # it was learned on the circle before
+        self.orbit, self._changed_at = wanted, now
+        return ""
 
     def setpoint(self, command: TurnCommand, session: Session, now: float) -> tuple[Message, YawRate]:
         """The message that flies a command, and the yaw rate in it. Raises UnsafeSetpointError."""
-        wanted = Steer(yaw_rate_from_turn_rate(command.turn_rate), self._settings.orbit.speed)
+        wanted = Steer(yaw_rate_from_turn_rate(command.turn_rate), self.speed)
         steer = self._guard.admit(wanted, now)
         state = self._state(session, now, engaged=True)
         message = self._guard.check_message(session.adapter.setpoint(steer, state, now), session.adapter.shapes)
         return message, steer.yaw_rate
 
-    def commanded(self, command: TurnCommand, now: float) -> None:
-        """A command has gone out in a setpoint: the vehicle's answer to it is expected from now on."""
-        self._answer.command(now, command.turn_rate)
+    def commanded(self, sent: YawRate, now: float) -> None:
+        """A turn has gone out in a setpoint: the vehicle's answer to it is expected from now on."""
+        self._answer.command(now, turn_rate_from_yaw_rate(sent))
 
     def safe_setpoint(self, session: Session, now: float, *, engaged: bool = True) -> Message:
         """The vehicle's safe setpoint. `engaged` holds the height of the engagement. Raises UnsafeSetpointError."""
@@ -157,7 +183,10 @@ class Controller:
     def _trim_radius(self, estimate: RangeEstimate, command: TurnCommand) -> None:
         """Let the slow integral run over the time since the last steered step, while the vehicle follows."""
         before, self._steered = self._steered, (estimate.time, estimate.r)
-        if before is not None and self._settings.radius_trim > 0 and self.followed:
+        # An approach that does not know where the target is closes slowly. Counted as a lasting error, it would be
+        # held on the other side of the circle for half a minute afterwards.
+        approaches = command.flies not in ("", DRIFT)
+        if before is not None and self._settings.radius_trim > 0 and self.followed and not approaches:
             step = estimate.time - before[0]
             self._trim = next_trim(
                 self._trim,

@@ -1,7 +1,11 @@
 """A step of the loop of a flight, as it is recorded and read back."""
 
+import json
 from collections.abc import Hashable
 from dataclasses import dataclass, field
+
+from circnav_mav.guidance.circle_change import CircleRequest
+from circnav_mav.guidance.types import Direction
 
 HELD_BACK = "held"
 """In turns.csv, in the place of a count: what there was to say was not sent."""
@@ -9,15 +13,20 @@ HELD_BACK = "held"
 
 @dataclass(slots=True)
 class LoopStep:
-    """One step of the loop. heard: (link, source, whole frames) of each datagram. said: frames to the vehicle. hello:
-    frames to the ranging link. attached: frames that onlookers sent to the vehicle. interrupt: why the flight was ended
-    from outside in this step. held_back: whether what there was to say was not sent."""
+    """One step of the loop.
+
+    heard: (link, source, whole frames) of each datagram. said: frames to the vehicle. hello: frames to the ranging
+    link. attached: frames that onlookers sent to the vehicle. requests: for another circle, from outside of the pilot.
+    interrupt: why the flight was ended from outside in this step. held_back: True if what there was to send was not
+    sent.
+    """
 
     time: float
     heard: list[tuple[str, Hashable, list[bytes]]] = field(default_factory=list)
     said: list[bytes] = field(default_factory=list)
     hello: list[bytes] = field(default_factory=list)
     attached: list[bytes] = field(default_factory=list)
+    requests: list[CircleRequest] = field(default_factory=list)
     interrupt: str = ""
     held_back: bool = False
 
@@ -25,3 +34,20 @@ class LoopStep:
     def frames_heard(self) -> list[bytes]:
         """All that came in, in order."""
         return [frame for _, _, datagram in self.heard for frame in datagram]
+
+
+def requests_text(requests: list[CircleRequest]) -> str:
+    """Return requests as a cell of turns.csv, empty for none."""
+    plain = [[one.radius, one.direction and one.direction.value, one.speed, one.by] for one in requests]
+    return json.dumps(plain) if plain else ""
+
+
+def requests_from(text: str) -> list[CircleRequest]:
+    """Return the requests of a cell of turns.csv. Raises ValueError for what the recorder never wrote."""
+    try:
+        return [
+            CircleRequest(radius, direction and Direction(direction), speed, by)
+            for radius, direction, speed, by in (json.loads(text) if text else ())
+        ]
+    except TypeError as error:
+        raise ValueError(error) from None

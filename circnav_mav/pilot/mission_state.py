@@ -86,14 +86,16 @@ class Outcome:
 class Timing:
     """All in seconds. duration: of the flight after engaging. wait_link, wait_ranging: patience before the first
     engagement. stale: age of the newest range up to which the prediction steers. hold: how long to hold after that.
-    outage: longest silence of the vehicle after which the mission resumes. round_trip: to the vehicle and back, above
-    which it is not engaged. tick: period without fresh ranges."""
+    unfollowed: how long the vehicle may not follow turn commands before the exit action. outage: longest silence of the
+    vehicle after which the mission resumes. round_trip: to the vehicle and back, above which it is not engaged.
+    tick: period without fresh ranges."""
 
     duration: float
     wait_link: float = 30.0
     wait_ranging: float = 30.0
     stale: float = 0.5
     hold: float = 10.0
+    unfollowed: float = 10.0
     outage: float = 60.0
     round_trip: float = 0.6
     tick: float = 0.05

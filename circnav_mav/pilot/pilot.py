@@ -13,10 +13,12 @@ from math import atan, degrees
 
 from pymavlink.dialects.v20.all import MAV_SEVERITY_NOTICE, MAV_SEVERITY_WARNING
 
+from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.guidance.side_slip import SideSlip
 from circnav_mav.guidance.types import Orbit, OwnMotion, RangeEstimate, TurnCommand
 from circnav_mav.guidance.velocity_loop import CopterMotion
 from circnav_mav.guidance.watches import DriftAlarm, breach, watch_drift
+from circnav_mav.mav.autopilots.interface import turn_in
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import GRAVITY, YawRate
 from circnav_mav.mav.identity import Allowance
@@ -26,6 +28,7 @@ from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.authority import SILENT, TAKEN_OVER, Allowed, Authority, unwatched
 from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.controller import Controller
+from circnav_mav.pilot.echo_watch import EchoWatch
 from circnav_mav.pilot.mission_state import Ending, Event, MissionState, Outcome, Phase
 from circnav_mav.pilot.mode_request import ExitAction
 from circnav_mav.pilot.range_tracker import HEARD, RangeTracker, TickScheduler
@@ -35,11 +38,16 @@ from circnav_mav.pilot.status_text import StatusText
 
 ALARMS = frozenset(
     (
-        *("drift", "cycle", "range trouble", "range rate trouble"),
-        *("sensor clock", "clock speed", "height", "bounds", "link", "flood"),
+        *("drift", "cycle", "follows", "lean limit", "range trouble", "range rate trouble"),
+        *("sensor clock", "clock speed", "height", "bounds", "link", "flood", "second controller"),
     )
 )
 """Kinds of news that are said as a warning while they are so; charts mark every warning."""
+FOLLOWS_NOT, FOLLOWS_AGAIN = "vehicle does not follow turn commands", "vehicle follows turn commands again"
+UPLINK_SILENT = 3.0
+"""Time without an answer to TIMESYNC, s, after which the vehicle may have received no setpoint, and flies its own."""
+RECEIVES_AFTER = 3.0
+"""Time, s, after the first answer in which a vehicle that was not reached gets back to what it is commanded."""
 FLOODED = 3.0
 """Time, s, since something was last left unread, after which a flood is over."""
 
@@ -69,7 +77,10 @@ class Pilot:
         self.unwatched = ""
         """What a bound goes by and the vehicle does not report, for people."""
         self.allowance = Allowance()
+        self._echo = EchoWatch()
         self._rivals: set[str] = set()
+        self._unanswered_at = float("-inf")
+        """When the vehicle last seemed not to receive us, s."""
         self.setpoints_sent = 0
         self._records: list[TickRecord] = []
         self._taken: StepTaken | None = None
@@ -88,6 +99,7 @@ class Pilot:
         for message, of_vehicle, of_ranging in self.connection.receive(data, now, source, link):
             if of_vehicle:
                 self._take_motion(message, now)
+                self._take_echo(message, now)
             if of_ranging:
                 self._take_range(message, now, source)
         self._frames += self.connection.decoders[link].frames
@@ -96,6 +108,13 @@ class Pilot:
         """End the flight now: the next step sends the safe setpoint."""
         self._finish(Outcome(Ending.INTERRUPTED, reason), now)
         self.scheduler.at_once()
+
+    def request_circle(self, request: CircleRequest, now: float) -> str:
+        """Fly another circle, if vehicle, bounds and rate of change allow it. Return why not, empty if it is flown."""
+        why = self.controller.change_circle(request, now)
+        if why:
+            self._say("circle refused", why, severity=MAV_SEVERITY_WARNING)
+        return why
 
     def abandon(self, reason: str) -> None:
         """An error of ours has ended the flight, whatever it had come to."""
@@ -115,6 +134,13 @@ class Pilot:
         if self.tracker.receive(message, now, source, stalled=stalled, begun=mission.begun):
             self.scheduler.heard(now)
 
+    def _take_echo(self, message: Message, now: float) -> None:
+        """Compare the setpoint that the vehicle reports with ours. While it answers no TIMESYNC it may not receive us,
+        and flies a setpoint of its own."""
+        adapter, timesync = self.session.adapter, self.session.timesync
+        if message.get_msgId() == adapter.echo and not timesync.silent(now, UPLINK_SILENT):
+            self._echo.reported(turn_in(message), now, timesync.worst or 0.0, limited=adapter.banks)
+
     def _take_motion(self, message: Message, now: float) -> None:
         """Own motion teaches the height, the turn-rate gain, and estimators that know where the vehicle is heading."""
         adapter, motion, height = self.session.adapter, self.session.motion, self.tracker.height
@@ -123,9 +149,11 @@ class Pilot:
             height.hear(message, motion.at(now).altitude, now)
         if not is_attitude:
             return
-        own = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
-        if own is None:
+        own = nose = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
+        if own is None or nose is None:
             return
+        if not adapter.flies:  # its tilt is the ground's, and pushes nothing
+            own = own._replace(push=None)
         if adapter.velocity_loop is not None and self.mission.steering:
             self._copter_motion, own = self._copter_motion.follow(own, adapter.velocity_loop)
             self.controller.drag = self._copter_motion.drag
@@ -133,7 +161,7 @@ class Pilot:
             self._copter_motion = self._copter_motion.stand()
             self._side_slip, own = self._side_slip.follow(own)
         self.own = own
-        self.controller.on_motion(own)
+        self.controller.on_motion(own, nose)
         # a vehicle whose airspeed nobody measures has the commanded one while it flies as commanded; whose setpoints
         # are another's (a dry run) is taken to do so while it turns as we would command
         follows = self.controller.at_speed if self._flies else self.controller.followed
@@ -148,7 +176,7 @@ class Pilot:
         # on the ground it is no wonder
         if measured is not None and measured != believed and self.mission.steering:
             self._say_news("airspeed", True, f"airspeed {measured:.1f} m/s implausible, ignored")
-        return motion.true_airspeed(believed) if adapter.measures_airspeed else believed
+        return motion.true_airspeed(believed) if adapter.measures_airspeed else self.controller.speed
 
     # --- out: one step ----------------------------------------------------------------------------------------------
 
@@ -171,11 +199,14 @@ class Pilot:
             self._finish(outcome, now)
         estimate = self.tracker.estimator.at(now)
         self._watch_bounds(estimate, now)
+        self._watch_following(now)
         self._watch_ranging(estimate, now)
         self._watch_engagement(now)
         desired = self.controller.orbit.radius
         command = self.controller.command(self.mission.phase, estimate, self.session.timesync.worst, now)
         message, sent = self._setpoint(command, now)
+        if message is not None and (turn := turn_in(message)) is not None:
+            self._echo.sent(turn, now)
         self._taken = StepTaken(now, self.mission.phase, estimate, command, message is not None, sent, desired)
         return b"" if message is None else self.session.encode(message)
 
@@ -186,8 +217,8 @@ class Pilot:
         step, self._taken = self._taken, None
         self.setpoints_sent += step.spoke
         self.scheduler.stepped(now)
-        if step.sent is not None and step.command is not None:
-            self.controller.commanded(step.command, now)
+        if step.sent is not None:
+            self.controller.commanded(step.sent, now)
         self._say_what_is_new(step.estimate, step.command, now)
         said = b"".join(map(self.session.encode, self._housekeeping(step.estimate, step.command, now)))
         record = tick_record(step, self.session, self.tracker, self.controller, self.settings.law.name)
@@ -250,6 +281,20 @@ class Pilot:
         if broken is not None:
             self._finish(Outcome(Ending.ABORTED, broken), now)
 
+    def _watch_following(self, now: float) -> None:
+        """End the flight of a vehicle that does not follow turn commands for too long."""
+        session, turns, most = self.session, self.controller.turns, self.settings.timing.unfollowed
+        # A vehicle that does not receive us cannot follow, and goes on by its own time-out: that is an outage of the
+        # link, which the flight survives. Without answers to TIMESYNC nothing is judged, and all begins anew after it:
+        # a plane that flies straight back from where it was carried would show for long that it follows again.
+        if not session.timesync.answered(now):
+            self._unanswered_at = now
+        if now - self._unanswered_at < RECEIVES_AFTER:
+            turns.reset()
+            self._said["follows"] = False
+        if self.mission.steering and not turns.follows and now - turns.since > most:
+            self._finish(Outcome(Ending.ABORTED, f"vehicle did not follow turn commands for {most:g} s"), now)
+
     def _watch_ranging(self, estimate: RangeEstimate | None, now: float) -> None:
         good = self.tracker.good(estimate, now, holding=self.mission.phase is Phase.HOLDING)
         if self.mission.phase is Phase.WAIT_RANGING and self.session.missing(now):
@@ -273,6 +318,7 @@ class Pilot:
     def _engage(self, now: float) -> None:
         self.mission.engage(now)
         self.tracker.ranging.sender_stays = self._flies
+        self.session.identity.stays |= self._flies
         if self._flies:  # a dry run may begin on the ground, far from the height that is told
             self.tracker.height.engage()
         self.session.drop_mode_requests()
@@ -361,12 +407,17 @@ class Pilot:
             self.why = command.why
             if self._flies:
                 self._say_news("law", command.flies, command.why)
-        cut = f"limit cycle, gains reduced to {100 * controller.watch.share:.0f} %"
-        self._say_news("cycle", controller.watch.cycles, cut)
+        cut = f"limit cycle, gains reduced to {100 * controller.turns.share:.0f} %"
+        self._say_news("cycle", controller.turns.cycles, cut)
         limit, own = controller.bank_limit, self.own
         if limit is not None and own is not None:
             bank = degrees(atan(limit * own.airspeed / GRAVITY))
             self._say_news("bank limit", True, f"vehicle banks {bank:.0f} deg at most")
+        if (lean := controller.lean).share < 1:
+            angle = degrees(atan(lean.found / GRAVITY))
+            self._say_news("lean limit", lean.share, f"leans {angle:.0f} deg at most, speed {controller.speed:.1f} m/s")
+        follows = controller.turns.follows
+        self._say_news("follows", not follows, FOLLOWS_AGAIN if follows else FOLLOWS_NOT)
         self._say_trouble(now)
 
     def _say_trouble(self, now: float) -> None:
@@ -384,6 +435,10 @@ class Pilot:
         if self.mission.steering and self.session.up:
             self.unwatched = lost = unwatched(self.settings, self.session, now)
             self._say_news("bounds", lost or False, lost.partition(":")[0] or "bounds watched again")
+        second = bool(self.second_controller(now))
+        self._say_news(
+            "second controller", second, "another program steers, too" if second else "another program no longer steers"
+        )
         self._say_news("flood", flooded, "flood, others are not read" if flooded else "flood over")
 
     def _say_news(self, kind: str, news: Hashable, text: str) -> None:
@@ -408,6 +463,17 @@ class Pilot:
             return str(peer or "")
         apart = radio.source != peer.source
         return f"{peer}, ranges of {radio if apart else f'{radio.system}/{radio.component}'}"
+
+    def second_controller(self, now: float) -> str:
+        """Return how it shows that another program steers the vehicle, human-readable; empty if nothing shows it."""
+        if self.session.commands.answered_unasked(now):
+            return "the vehicle answers commands in our name that we did not send"
+        if not self.mission.steering or (turns := self._echo.other(now)) is None:
+            return ""
+        unit = "deg of bank" if self.session.adapter.banks else "deg/s"
+        reported, sent = turns
+        flown = "another kind of setpoint" if reported is None else f"{degrees(reported):+.0f} {unit}"
+        return f"the vehicle flies {flown}, commanded {degrees(sent):+.0f} {unit}"
 
     def frames_refused(self) -> Counter[str]:
         """Frames that were not believed on any link, by what was wrong with their signature."""

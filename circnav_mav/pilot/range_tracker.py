@@ -6,6 +6,7 @@ VFR_HUD.alt and, of HOME_POSITION, the altitude alone: its latitude, longitude a
 
 from collections import deque
 from collections.abc import Callable, Hashable
+from math import pi, sqrt
 from statistics import median
 
 from circnav_mav.guidance.estimators.interface import Fused
@@ -31,7 +32,12 @@ WAIT = 0.25
 after the second tick since its last range, always, and its every range be answered twice."""
 AT_ONCE = 1e-5
 """A range expected within this time, s, of the tick would be here by now, or is lost."""
+THINNED = 1 - WAIT
+"""Least time between two ranges that the estimator takes, in ticks: ranges in between are merged. Each range that it
+takes is answered with a setpoint, and costs 1 to 2 ms of the processor."""
 REMEMBERED = 9
+MOST_MERGED = 1000
+"""Ranges that are merged to one at most."""
 MOST_AT_ONCE = 64
 """Ranges that one datagram of a slow link may hold."""
 MOST_CLIMB = 20.0
@@ -62,6 +68,7 @@ class RangeTracker:
         self.ranging = RangeReader(settings.ranging, self.noise, slower)
         self.rates = RangeRateReader(settings.ranging, self.ranging, NoiseCheck.of_rates(speed, max_turn_rate), speed)
         self.estimator = ESTIMATORS[settings.estimator](settings.estimation)
+        self._thinning = Thinning(THINNED * settings.timing.tick)
         self.newest: RangeSample | None = None
         self.recent: deque[RangeSample] = deque(maxlen=MOST_AT_ONCE)
         """The newest ones that were taken."""
@@ -77,8 +84,9 @@ class RangeTracker:
         height, identity = self.height.at(now), self._session.identity
         peer = None if self._apart else identity.peer
         if self.rates.carries(message):
-            rate = self.rates.read(message, now, height=height, source=source)
-            if rate is not None and not stalled:
+            rate, before = self.rates.read(message, now, height=height, source=source), self.newest_rate
+            apart = rate is None or before is None or rate.time - before.time >= self._thinning.period
+            if rate is not None and not stalled and apart:
                 self.newest_rate = rate
                 self.estimator.observe_rate(rate)
             self._say_trouble()
@@ -96,6 +104,9 @@ class RangeTracker:
             identity.rivals.heard(RADIO_NAME, self.ranging.rival, self.ranging.trusted, now)
         if self.ranging.restarted:
             self.estimator.restamp()
+            self._thinning.reset()
+        choice = "" if self.ranging.sender_stays else self.ranging.sources.short_choice(now)
+        self._say_news("range sources", choice or False, choice or "one range source")
         if self.ranging.stepped:
             self._session.announcer.say("clock", f"sensor clock stalled {self.ranging.stepped:.1f} s")
         self._say_trouble()
@@ -111,10 +122,14 @@ class RangeTracker:
         for kind, found in (("noise", self.noise.found), ("low noise", self.noise.lowered)):
             if found is not None:
                 self._say_news(kind, True, "range noise {1:.2g} m, expected {0:.2g} m".format(*found))
-        if self.estimator.observe(sample) is Fused.GATED:
-            self.ranging.reject(Reject.GATED)
+        merged = self._thinning.take(sample)
+        if merged is None:
             return False
-        self.accepted += 1
+        sample, count = merged
+        if self.estimator.observe(sample) is Fused.GATED:
+            self.ranging.reject(Reject.GATED, count)
+            return False
+        self.accepted += count
         self.newest, self.fresh = sample, True
         self.recent.append(sample)
         return True
@@ -138,11 +153,48 @@ class RangeTracker:
             self._stale_at = now
             return False
         fresh = not holding or age <= FRESH * self._stale or now - self._stale_at > CALM
-        return self.estimator.ready and estimate is not None and fresh
+        return self.estimator.ready and estimate is not None and fresh and self.ranging.one_source(now)
 
     def age(self, now: float) -> float | None:
         """Seconds since the newest range was measured."""
         return None if self.newest is None else now - self.newest.time
+
+
+class Thinning:
+    """Merges ranges that come faster than the estimator and the vehicle need them. A range that comes a period after
+    the last one passes unchanged and at once."""
+
+    def __init__(self, period: float) -> None:
+        """period: least time between two ranges that pass, s."""
+        self.period = period
+        self._passed_at = float("-inf")
+        self._held: list[RangeSample] = []
+
+    def reset(self) -> None:
+        """Drop what is held: the sensor's clock is another one."""
+        self._held, self._passed_at = [], float("-inf")
+
+    def take(self, sample: RangeSample) -> tuple[RangeSample, int] | None:
+        """Return the range to use now and how many it stands for; None while they are held.
+
+        Periods are counted in the time of measurement: a link that delivers several ranges of a slow radio at once
+        delays them, and does not make them one measurement.
+        """
+        self._held.append(sample)
+        if 0 <= sample.time - self._passed_at < self.period - SAME_TIME and len(self._held) < MOST_MERGED:
+            return None
+        # what was held when the radio fell silent is of another moment
+        held = [one for one in self._held if sample.time - one.time <= self.period]
+        count, self._held, self._passed_at = len(self._held), [], sample.time
+        if len(held) == 1:
+            return sample, count
+        # The median, so that an outlier, which the estimator's gate cannot see any more, does not move the others; and
+        # halfway between first and last, because the range goes on changing meanwhile. A median of n scatters by
+        # sqrt(pi/2n).
+        first, r = held[0], median(one.r for one in held)
+        sigma = median(one.sigma for one in held) * min(sqrt(pi / 2 / len(held)), 1.0)
+        stamp, time = (first.stamp + sample.stamp) / 2, (first.time + sample.time) / 2
+        return sample._replace(stamp=stamp, time=time, r=r, sigma=sigma), count
 
 
 class Height:

@@ -108,7 +108,7 @@ def tick_record(
         yaw_rate_sent=step.sent,
         turn_gain=controller.turn_gain,
         turn_delay=controller.response.delay,
-        gain_share=controller.watch.share,
+        gain_share=controller.turns.share,
         law=(command.flies or law) if command and phase is Phase.ENGAGED else "",
         x=where.x if where else None,
         y=where.y if where else None,

@@ -3,8 +3,10 @@
 from dataclasses import dataclass, field
 from enum import Enum
 
+from circnav_mav.guidance.circle_change import CircleLimits
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.step import LawChoice
+from circnav_mav.guidance.tuning import LawTuning
 from circnav_mav.guidance.types import Orbit
 from circnav_mav.guidance.watches import Bounds
 from circnav_mav.mav.autopilots.interface import VehicleFacts
@@ -49,12 +51,14 @@ class PilotSettings:
     whether the operator's leaving the mode ends the mission (else it waits to be given the vehicle again). exit: name
     of the exit action, None for the autopilot's default. ranging_apart: ranging comes on a link of its own.
     stream_links: links that are byte streams (TCP, serial), not datagrams. unsigned_links: those on which unsigned
-    frames are believed even where there is a signing key. height: what is said of it, above the target. later_circles:
-    those after the first, orbit and law.
+    frames are believed even where there is a signing key. height: what is said of it, above the target. later_radii:
+    of the circles after the first, m. tuning: the law on any circle. circle_limits: of a change of the circle.
     """
 
     orbit: Orbit
     law: LawChoice
+    tuning: LawTuning
+    circle_limits: CircleLimits
     estimator: str
     estimation: EstimatorSettings
     ranging: RangingSettings
@@ -76,9 +80,9 @@ class PilotSettings:
     stream_links: frozenset[str] = frozenset()
     unsigned_links: frozenset[str] = frozenset()
     height: HeightSettings = field(default_factory=HeightSettings)
-    later_circles: tuple[tuple[Orbit, LawChoice], ...] = ()
+    later_radii: tuple[float, ...] = ()
 
     @property
     def circles(self) -> str:
         """All circles, for people."""
-        return self.orbit.words(*(orbit.radius for orbit, _ in self.later_circles))
+        return self.orbit.words(*self.later_radii)

@@ -27,7 +27,8 @@ class StatusText:
         """What the vehicle is not steered for now; empty where nothing is missing."""
         phase = self.mission.phase
         if phase is Phase.WAIT_LINK:
-            return self._no_vehicle()
+            rejected = self.connection.session.identity.rivals.recent(now) if self.mission.begun else ()
+            return "; ".join(f"{line} until it reports its time since boot" for line in rejected) or self._no_vehicle()
         if phase is Phase.WAIT_RANGING:
             return self._not_ready(now)
         return self.authority.obstacle(now) if phase in (Phase.READY, Phase.YIELDED) else ""
@@ -75,9 +76,15 @@ class StatusText:
             return f"{tracker.accepted} ranges accepted, estimator {name} has not converged yet{needs}"
         if ready and missing:
             return missing
+        sources = tracker.ranging.sources
+        if choice := sources.choice(now):
+            return choice
+        if ready and not sources.listened(now):
+            return "listening for a second range source"
         wanted, rejected = RANGING_MESSAGES[self.settings.ranging.message], tracker.ranging.rejected
         heard = self.connection.counts[self.connection.ranging_link].describe()
-        words = f"rejected: {describe_rejected(rejected)}; {heard}{denied(self.connection.session)}"
+        others = f"; {found}" if (found := sources.others(now)) else ""
+        words = f"rejected: {describe_rejected(rejected)}; {heard}{denied(self.connection.session)}{others}"
         return f"no ranging: no usable {wanted.type}, {words}"
 
     # --- what has gone ----------------------------------------------------------------------------------------------

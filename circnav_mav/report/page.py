@@ -1,11 +1,12 @@
 """report.html: one page that tells a flight, offline, in print, and without script as a picture."""
 
 import base64
+import html
 import re
 from datetime import UTC, datetime
-from html import escape
 from pathlib import Path
 
+from circnav_mav.foreign import printable
 from circnav_mav.guidance.types import Orbit
 from circnav_mav.pilot import OutputMode, phase_name
 from circnav_mav.pilot.mission_state import Phase
@@ -55,6 +56,11 @@ def write_report(
     path = run.folder / "report.html"
     write_text(path, page)
     return path
+
+
+def escape(text: str, quote: bool = True) -> str:
+    """Text as HTML: a browser shows all of it and obeys nothing in it."""
+    return html.escape(printable(text), quote)
 
 
 def _figure(line: str) -> str:

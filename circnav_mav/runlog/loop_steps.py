@@ -4,21 +4,23 @@ speaks in a plain tlog."""
 import csv
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
 from itertools import chain, groupby, islice, pairwise
 from pathlib import Path
 
 from pymavlink.dialects.v20 import all as dialect
 
+from circnav_mav.foreign import read_lines
 from circnav_mav.mav.codec import Decoder, Ids, Message, ids
-from circnav_mav.mav.framing import V2
+from circnav_mav.mav.framing import V2, as_version_2
 from circnav_mav.mav.identity import describe_vehicle
 from circnav_mav.mav.ranging.interface import RangingSettings, Reject
 from circnav_mav.mav.ranging.reader import RangeReader
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.statustext import plain_text
 from circnav_mav.pilot import Pilot
-from circnav_mav.pilot.loop_step import HELD_BACK, LoopStep
+from circnav_mav.pilot.loop_step import HELD_BACK, LoopStep, requests_from
 from circnav_mav.runlog.tlog import message_id, read_tlog, read_unbroken
 
 LINKS = {"v": "vehicle", "r": "ranging"}
@@ -35,14 +37,20 @@ LONGEST_SILENCE = 3_600_000_000
 def recorded_steps(folder: Path) -> Iterator[LoopStep]:
     """The steps of a run folder, up to where its files were cut off or damaged. Raises OSError."""
     frames = (frame for _, frame in read_unbroken(folder / "flight.tlog"))
-    with (folder / "turns.csv").open(newline="", encoding="utf-8", errors="replace") as file:
-        rows = csv.reader(file)
+    with closing(read_lines(folder / "turns.csv", errors="replace")) as lines:
+        rows = csv.reader(lines)
         try:
             next(rows, ())
             for row in rows:
                 yield _step(row, frames)
         except (ValueError, KeyError, csv.Error):
             return  # frames are counted off one by one: behind a damaged line nobody knows whose they are
+
+
+def has_requests(folder: Path) -> bool:
+    """True if a run folder is of a version that records requests for another circle. Raises OSError."""
+    with (folder / "turns.csv").open(encoding="utf-8", errors="replace") as file:
+        return "requests" in file.readline()
 
 
 def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
@@ -55,14 +63,15 @@ def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
             raise ValueError("the log ends")
         return taken
 
-    time_us, datagrams, said, hello, interrupt, *attached = row
+    time_us, datagrams, said, hello, interrupt, *later = row
     parts, held_back = (datagram.partition("*") for datagram in datagrams.split()), said == HELD_BACK
     return LoopStep(
         int(time_us) / 1e6,
         heard=[(LINKS[source[:1]], source, take(int(count))) for source, _, count in parts],
         said=take(0 if held_back else int(said or 0)),
         hello=take(int(hello or 0)),
-        attached=take(int(attached[0] or 0) if attached else 0),
+        attached=take(int(later[0] or 0) if later else 0),
+        requests=requests_from(later[1]) if len(later) > 1 else [],
         interrupt=interrupt,
         held_back=held_back,
     )
@@ -81,7 +90,9 @@ def tlog_steps(path: Path, ours: int, clock: "LogClock | None" = None) -> Iterat
     for (stamp, frames), (following, _) in pairwise(chain(stamped, [end])):
         assert stamp is not None
         time = clock.at(stamp, following)
-        received = [frame for frame in frames if frame[6 if frame[0] == V2 else 4] != ours]
+        # A vehicle that sends MAVLink 1 cannot be flown, because it may not read our MAVLink 2. In a replay nothing is
+        # sent to it, and its recorded frames say the same in either version.
+        received = [as_version_2(frame) for frame in frames if frame[6 if frame[0] == V2 else 4] != ours]
         if received:
             yield LoopStep(time, [("vehicle", "tlog", received)])
 
@@ -132,6 +143,8 @@ def _is_lone(moved: int, then: int) -> bool:
 
 
 HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
+_OF_ANOTHER = (Reject.WRONG_SOURCE.value, Reject.OTHER_SENSOR.value, Reject.AMBIGUOUS.value)
+"""Reasons for which a range that fits the mission is ignored beside another source."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,6 +176,8 @@ class LogSources:
     vehicles: dict[Ids, str] = field(default_factory=dict)
     heartbeats: Counter[Ids] = field(default_factory=Counter)
     ranging: dict[RangeSource, RangeCounts] = field(default_factory=dict)
+    ambiguous: int = 0
+    """Ranges that were not used because several sources fit the mission."""
 
     def watch(self, steps: Iterable[LoopStep], pilot: Pilot) -> Iterator[LoopStep]:
         """The steps as they are, on their way to the pilot."""
@@ -207,7 +222,9 @@ class LogSources:
         if kind.for_anything and name != self.settings.message and not kind.picked(message, self.settings):
             return  # values of any kind come under names
         counts = self.ranging.setdefault(RangeSource(name, *sender, marks), RangeCounts())
-        foreign = reader.rejected[Reject.WRONG_SOURCE.value]
+        fits = name == self.settings.message and kind.picked(message, self.settings)
+        ignored = sum(reader.rejected[reason] for reason in _OF_ANOTHER)
         counts.messages += 1
         counts.taken += reader.read(message, now) is not None
-        counts.ignored += reader.rejected[Reject.WRONG_SOURCE.value] - foreign
+        self.ambiguous = reader.rejected[Reject.AMBIGUOUS.value]
+        counts.ignored += fits and sum(reader.rejected[reason] for reason in _OF_ANOTHER) - ignored

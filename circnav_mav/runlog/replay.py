@@ -71,6 +71,8 @@ def replay(pilot: Pilot, steps: Iterable[LoopStep], *, ticking: bool = False) ->
             for link, source, frames in step.heard:
                 for frame in frames:
                     pilot.receive(frame, step.time, source, link)
+            for request in step.requests:
+                pilot.request_circle(request, step.time)
             if step.interrupt and pilot.mission.outcome is None:
                 pilot.interrupt(step.time, step.interrupt)
             _step(pilot, step.time, done, held_back=step.held_back)
@@ -99,6 +101,16 @@ def without_timeouts(settings: PilotSettings) -> PilotSettings:
     """Settings that replay a plain tlog from end to end: no timeout runs out, and there is one link."""
     endless = replace(settings.timing, duration=inf, wait_link=inf, wait_ranging=inf, hold=inf, outage=inf)
     return replace(settings, timing=endless, ranging_apart=False, stream_links=frozenset())
+
+
+def as_flown_before(settings: PilotSettings) -> PilotSettings:
+    """Return settings that replay a flight of a version that neither listened for a second range source before it
+    steered, nor gave back a vehicle that did not follow."""
+    return replace(
+        settings,
+        timing=replace(settings.timing, unfollowed=inf),
+        ranging=replace(settings.ranging, listens=False),
+    )
 
 
 def held_gain(settings: PilotSettings, flown: PilotSettings, was: Ticks) -> float | None:

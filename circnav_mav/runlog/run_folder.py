@@ -1,70 +1,18 @@
 """A run folder opened: what it says of itself, whatever became of the process that wrote it."""
 
 import csv
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from pydantic import BaseModel, Field, TypeAdapter, ValidationError
-
+from circnav_mav.foreign import printable, read_json, read_text
 from circnav_mav.runlog.ticks import Ticks, Truth, read_ticks, read_truth
 from circnav_mav.runlog.tlog import Damage, find_damage
 
-MOST = 10**15
-"""No number of a run is as large: counts, metres, and seconds are smaller."""
 YEAR_2100_US = 4_102_444_800_000_000
-Text = Annotated[str, Field(strict=True)]
-Flag = Annotated[bool, Field(strict=True)]
-Number = Annotated[float, Field(strict=True, gt=-MOST, lt=MOST)]
-Count = Annotated[int, Field(strict=True, ge=0, lt=MOST)]
-Moment = Annotated[int, Field(strict=True, gt=0, lt=YEAR_2100_US)]
-
-
-class Alarm(BaseModel):
-    """An alarm as it began."""
-
-    time_s: Number
-    text: Text
-
-
-def _table(kinds: dict[Any, str]) -> dict[str, TypeAdapter[Any]]:
-    return {key: TypeAdapter(kind) for kind, keys in kinds.items() for key in keys.split()}
-
-
-# Of the figures of the circle only their time is read back: they are worked out of the ticks again.
-SUMMARY = _table({
-    Text: "mission voice outcome reason version",
-    Text | None: "firmware recording_problem",
-    Count: "samples_accepted setpoints_sent",
-    dict[str, Count]: "samples_rejected frames_refused",
-    Moment: "epoch_us",
-    Number: "flown_s",
-    Number | None: "engaged_s clock_speed",
-    list[Alarm]: "alarms",
-    list[Text]: "notes",
-})  # fmt: skip
-MANIFEST = _table({
-    Text: "mission voice",
-    Text | None: "outcome reason",
-    Moment: "epoch_us",
-    dict[Text, Any]: "seeds versions",
-    dict[Text, Any] | None: "autopilot",
-    Count | None: "exit",
-})  # fmt: skip
-
-
-def _known(table: Any, kinds: dict[str, TypeAdapter[Any]]) -> dict[str, Any]:
-    """What a JSON file says that can be believed."""
-    known = {}
-    for key, kind in kinds.items():
-        with suppress(ValidationError, KeyError, TypeError):  # TypeError: it holds no table at all
-            kind.validate_python(table[key])
-            known[key] = table[key]
-    return known
 
 
 class RunError(Exception):
@@ -73,15 +21,13 @@ class RunError(Exception):
 
 @dataclass(frozen=True)
 class Run:
-    """A run folder. manifest, summary: the valid values of the files; empty if the run did not live to write them, or
-    they are damaged. unread: what extras have added to the summary; each extra validates its own."""
+    """A run folder. manifest, summary: empty if the process ended before it wrote them, or if they are damaged."""
 
     folder: Path
     mission_text: str
     manifest: dict[str, Any]
     summary: dict[str, Any]
     epoch_us: int
-    unread: dict[str, Any] = field(default_factory=dict)
 
     @property
     def voice(self) -> str:
@@ -129,31 +75,22 @@ def open_run(folder: Path) -> Run:
         raise RunError(f"{folder}: no such run folder")
     if not folder.is_dir() or not (folder / "flight.tlog").is_file() or not (folder / "mission.toml").is_file():
         raise RunError(f"{folder}: is not a run folder: flight.tlog or mission.toml is missing")
-    manifest, written = _known(_json(folder / "manifest.json"), MANIFEST), None
-    with suppress(RunError):  # a full disk may have left half of it; its figures can be made anew
-        written = _json(folder / "summary.json")
-    summary = _known(written, SUMMARY)
-    unread = {key: value for key, value in written.items() if key not in SUMMARY} if isinstance(written, dict) else {}
+    manifest, summary = _table(folder / "manifest.json"), dict[str, Any]()
+    with suppress(RunError):  # its figures can be made anew
+        summary = _table(folder / "summary.json")
     epoch = manifest.get("epoch_us") or summary.get("epoch_us")
-    if epoch is None:
+    if type(epoch) is not int or not 0 < epoch < YEAR_2100_US:
         raise RunError(f"{folder}: neither manifest.json nor summary.json tells when the run began (epoch_us)")
     with _refusing(folder / "mission.toml"):
-        text = (folder / "mission.toml").read_text(encoding="utf-8")
-    return Run(folder, text, manifest, summary, epoch, unread)
+        text = read_text(folder / "mission.toml")
+    return Run(folder, text, manifest, summary, epoch)
 
 
-def printable(name: str) -> str:
-    """A name as text: what of it UTF-8 cannot hold becomes a question mark."""
-    return name.encode("utf-8", "replace").decode()
-
-
-def _json(path: Path) -> Any:
-    """What a JSON file holds; None if there is none. Raises RunError."""
+def _table(path: Path) -> dict[str, Any]:
+    """Values of a JSON file by their keys; none if there is no such file or no table in it. Raises RunError."""
     with _refusing(path):
-        try:
-            return json.loads(path.read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            return None
+        table = read_json(path) if path.exists() else {}
+        return table if isinstance(table, dict) else {}
 
 
 @contextmanager

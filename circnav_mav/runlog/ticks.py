@@ -2,6 +2,7 @@
 
 import csv
 from array import array
+from contextlib import closing
 from dataclasses import dataclass
 from math import isfinite, nan
 from pathlib import Path
@@ -10,6 +11,7 @@ from sys import intern
 import numpy as np
 from numpy.typing import NDArray
 
+from circnav_mav.foreign import read_lines
 from circnav_mav.mav.truth import read_truth_frame
 from circnav_mav.pilot import TickRecord
 from circnav_mav.pilot.mission_state import Phase
@@ -82,8 +84,8 @@ def read_ticks(folder: Path) -> Ticks:
     """ticks.csv of a run folder; a last line that was cut off is left out, a column that is not there is empty, and so
     is a cell that is no number of a flight. Raises OSError, csv.Error, and ValueError that names the line of a cell
     that is no number at all, or of a time that does not go on."""
-    with (folder / "ticks.csv").open(newline="", encoding="utf-8") as file:
-        reader = csv.reader(file)
+    with closing(read_lines(folder / "ticks.csv")) as lines:
+        reader = csv.reader(lines)
         header = next(reader, [])
         words: dict[str, list[str]] = {name: [] for name in header if name in WORDS}
         numbers = {name: array("d") for name in header if name not in WORDS}

@@ -9,6 +9,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from circnav_mav.foreign import open_file
 from circnav_mav.mav.codec import Decoder, Message
 from circnav_mav.mav.framing import SIGNED, V1, V2, frame_at, is_good
 
@@ -90,7 +91,7 @@ def message_id(frame: bytes) -> int:
 
 def _records(path: Path) -> Iterator[tuple[int, int, bytes]]:
     """Where each whole record begins in the file, its stamp and frame. Raises OSError."""
-    with path.open("rb") as file:
+    with open_file(path) as file:
         data, base, at = b"", 0, 0  # base: where the data begins in the file
         ended = searching = any_read = False
         while True:

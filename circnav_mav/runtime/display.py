@@ -10,8 +10,10 @@ from math import degrees
 from rich.console import Console
 from rich.live import Live
 
+from circnav_mav.foreign import printable
 from circnav_mav.pilot import Pilot, TickRecord
 from circnav_mav.pilot.loop_step import LoopStep
+from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runtime.onlookers import Onlooker, Onlookers
 from circnav_mav.runtime.picture import Picture
 from circnav_mav.runtime.status import Begun, Status, Watch, kind, shown
@@ -29,11 +31,15 @@ class PlainScreen:
         self._console = console
         self._alarms = Begun()
         self._waits = ""
+        self._ended = False
         self._newest: dict[str, str] = {}
 
     def draw(self, status: Status) -> None:
         """Print the lines."""
-        self._print(one_line(status))
+        # a hand-back goes on for long after the end, with news of its own
+        ended, self._ended = self._ended, status.tick.phase is Phase.ENDED
+        if not (ended and self._ended):
+            self._print(one_line(status))
         if status.flown is not None:
             self._print_new("BELIEVED", status.believed, status.believed)
         for label, words in status.added.items():
@@ -54,7 +60,7 @@ class PlainScreen:
             self._newest[label] = about
 
     def _print(self, text: str) -> None:
-        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
+        self._console.print(printable(text), highlight=False, markup=False, soft_wrap=True)
 
 
 class LiveScreen:

@@ -8,10 +8,6 @@ from dataclasses import dataclass
 from ipaddress import IPv6Address
 from typing import Any
 
-MOST_DIGITS = 9
-"""Of a port or a baud rate; Python reads no numbers of thousands."""
-
-
 REMEDIES: dict[int | None, str] = {
     errno.EADDRINUSE: "port is in use by another program: close it, or choose another port",
     errno.ECONNREFUSED: "nobody listens there (connection refused)",
@@ -47,12 +43,10 @@ def parse_endpoint(text: str) -> Endpoint:
             f"endpoint {text!r}: write udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:PATH:BAUD"
             " (udp: is udpin:)"
         )
-    if not text.isprintable():
-        raise LinkError(f"endpoint {text!r}: holds a character that no address has")
     host, sign, port = rest.replace(",", ":").rpartition(":")
     if kind != "serial" and ":" in host:
         host = _ipv6(host, text)
-    if not sign or not host or not port.isdecimal() or len(port) > MOST_DIGITS:
+    if not sign or not host or not port.isdecimal():
         missing, form = ("baud rate", "PATH:BAUD") if kind == "serial" else ("port", "HOST:PORT")
         wrong = "host is missing" if port.isdecimal() and not host else f"{missing} is missing or not a number"
         raise LinkError(f"endpoint {text!r}: {wrong}, write {kind}:{form}")

@@ -1,19 +1,19 @@
 """The signing key and its timestamp on disk."""
 
 import os
-import stat
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from circnav_mav.foreign import read_bytes
 from circnav_mav.mav.signing import KEY_LENGTH, LATEST, SECOND, Signing
 from circnav_mav.runtime.clock import unix_time
 
 RESERVE = 10 * SECOND
-"""How far the file is ahead of what was used: a killed process begins again behind nothing that it has signed, and far
-less ahead of the others' clocks than the minute at which they, and we, refuse."""
-MOST_DIGITS = 100
-"""Beyond some thousands Python reads no number."""
+"""Lead of the file over the timestamp in use. A killed process resumes after every frame that it has signed or
+accepted, and far less ahead of other clocks than the minute at which frames are rejected."""
+MAX_KEY_FILE = 4096
+"""Most bytes of a key file and of its timestamp."""
 TEXT = frozenset(range(32, 127))
 REMEDY = "write 64 hex digits; of a passphrase: printf %s 'PASSPHRASE' | sha256sum | cut -c1-64"
 
@@ -25,15 +25,12 @@ class KeyFileError(Exception):
 def read_key(path: Path) -> bytes:
     """The 32 bytes of a key file that nobody else can read: raw, or as 64 hex digits. Raises KeyFileError."""
     try:
-        facts = path.stat()
-        if not stat.S_ISREG(facts.st_mode):
-            raise KeyFileError(f"{path}: is not a file")
-        if facts.st_mode & 0o077:
-            raise KeyFileError(f"{path}: others can read this key (mode {facts.st_mode & 0o777:o}): chmod 600 {path}")
-        with path.open("rb") as file:
-            data = file.read(4096)
+        mode = path.stat().st_mode
+        data = read_bytes(path, MAX_KEY_FILE)
     except OSError as error:
         raise KeyFileError(f"{path}: cannot be read: {error.strerror or error}") from None
+    if mode & 0o077:
+        raise KeyFileError(f"{path}: others can read this key (mode {mode & 0o777:o}): chmod 600 {path}")
     key = data
     if TEXT.issuperset(data.strip()):  # a random key of 32 printable bytes is one in 1e14
         try:
@@ -60,7 +57,7 @@ class SigningTime:
         """Begin with the later of the clock and the file. Raises KeyFileError where the file cannot be kept."""
         self.problem: str | None = None
         self._signing, self._path, self._clock = signing, path, clock
-        signing.timestamp = max(signing.timestamp, _stored(path))
+        signing.resume(_stored(path))
         signing.advance(clock())
         self._reserved = signing.timestamp + RESERVE
         try:
@@ -90,12 +87,12 @@ class SigningTime:
 
 def _stored(path: Path) -> int:
     try:
-        text = path.read_text(encoding="ascii")
+        text = read_bytes(path, MAX_KEY_FILE).decode("ascii")
     except FileNotFoundError:
         return 0
     except (OSError, UnicodeDecodeError) as error:
         raise KeyFileError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'not text'}") from None
-    if not (text.strip().isdecimal() and len(text) < MOST_DIGITS and int(text) <= LATEST):
+    if not (text.strip().isdecimal() and int(text) <= LATEST):
         raise KeyFileError(f"{path}: is not a timestamp: delete it if the clock of this computer is right")
     return int(text)
 

@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import IO, Any
 
+from circnav_mav.foreign import open_file
+
 
 def lock(file: IO[Any], *, shared: bool = False) -> bool:
     """Hold an open file until it is closed; False where another process does. shared: beside others that only look. A
@@ -20,5 +22,5 @@ def lock(file: IO[Any], *, shared: bool = False) -> bool:
 
 def is_held(path: Path) -> bool:
     """Whether a process holds a file. Raises OSError."""
-    with path.open("rb") as file:
+    with open_file(path) as file:
         return not lock(file, shared=True)

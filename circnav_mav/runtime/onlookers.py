@@ -1,13 +1,14 @@
-"""What watches a flight from outside: the seam for the live page, the survey and other extras.
+"""The seam for what watches a flight from outside: the live page, the survey and other extras.
 
-An onlooker is shown every step of the loop. Nothing that it does reaches the pilot, and an error in it never ends the
-flight.
+An onlooker is shown every step of the loop, and an error in it never ends the flight. The one thing that it may ask of
+the pilot is another circle, which the pilot checks; an import contract keeps that from those that know positions.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Pilot, TickRecord
@@ -29,10 +30,14 @@ class Onlooker:
     problem: str | None = None
 
     def start(self, epoch_us: int) -> None:
-        """The clock was started. epoch_us: Unix time of run time zero, us."""
+        """Begin: the clock was started. epoch_us: Unix time of run time zero, us."""
 
     def on_step(self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None) -> Sequence[bytes]:
         """Take in a step and the newest tick. Return frames to send to the vehicle, from a component of its own."""
+        return ()
+
+    def circle_requests(self, now: float) -> Sequence[CircleRequest]:
+        """Return requests for another circle, for a fleet that spaces itself."""
         return ()
 
     def facts(self, now: float) -> Mapping[str, str]:
@@ -48,7 +53,7 @@ class Onlooker:
         return {}
 
     def show_verdict(self, verdict: str) -> None:
-        """The flight is over and recorded."""
+        """Show the verdict: the flight is over and recorded."""
 
     def close(self) -> None:
         """Release what was opened."""
@@ -56,8 +61,7 @@ class Onlooker:
 
 @dataclass(frozen=True, slots=True)
 class OnlookerSettings:
-    """What an onlooker may use. options: of `circnav fly`, by name. others: all onlookers of the flight. speed: of the
-    run, times real time, as far as it is known."""
+    """Everything that an onlooker may use. options: of `circnav fly`, by name. others: all onlookers of the flight."""
 
     mission: Mission
     pilot: Pilot
@@ -76,71 +80,85 @@ class Onlookers:
 
     @property
     def pace(self) -> float | None:
-        """Speed at which the bundled vehicle should fly, times real time; None if no onlooker minds."""
-        return min((one.pace for one in self.attached if one.pace is not None), default=None)
+        """Speed at which the bundled vehicle should fly, times real time; None if it does not matter."""
+        return min((onlooker.pace for onlooker in self.attached if onlooker.pace is not None), default=None)
 
     @property
     def busy(self) -> bool:
-        """True while one of them has something to do after guidance has ended."""
-        return any(one.busy for one in self._sound())
+        """True while an onlooker has something to do after guidance has ended."""
+        return any(self._guarded(onlooker, "", lambda one=onlooker: one.busy) for onlooker in self._working())
 
     def start(self, epoch_us: int) -> None:
-        """The clock was started."""
-        for one in self.attached:
-            one.start(epoch_us)
+        """Start every onlooker. epoch_us: Unix time of run time zero, us."""
+        for onlooker in self.attached:
+            self._guarded(onlooker, _at(0.0), onlooker.start, epoch_us)
 
     def on_step(
         self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None, *, called_off: bool = False
     ) -> list[bytes]:
-        """Show a step to each. Return the frames to send to the vehicle."""
+        """Show a step to every onlooker. Return the frames to send to the vehicle."""
         frames: list[bytes] = []
-        for one in self._sound():
-            one.called_off = called_off
-            answer = self._guarded(one, step.time, one.on_step, newest, step, recording_problem)
-            frames += answer or ()
+        for onlooker in self._working():
+            onlooker.called_off = called_off
+            frames += self._guarded(onlooker, _at(step.time), onlooker.on_step, newest, step, recording_problem) or ()
         return frames
 
+    def circle_requests(self, now: float) -> list[CircleRequest]:
+        """Return the requests of all onlookers for another circle."""
+        requests: list[CircleRequest] = []
+        for onlooker in self._working():
+            requests += self._guarded(onlooker, _at(now), onlooker.circle_requests, now) or ()
+        return requests
+
     def facts(self, now: float) -> dict[str, str]:
-        """The lines of all, by their labels."""
-        found = (self._guarded(one, now, one.facts, now) for one in self._sound())
-        return {label: words for facts in found for label, words in (facts or {}).items()}
+        """Return the lines of all onlookers, by their labels."""
+        lines: dict[str, str] = {}
+        for onlooker in self._working():
+            lines |= self._guarded(onlooker, _at(now), onlooker.facts, now) or {}
+        return lines
 
     def alarms(self, now: float) -> list[str]:
-        """The alarms of all."""
-        found = (self._guarded(one, now, one.alarms, now) for one in self._sound())
-        return [alarm for alarms in found for alarm in alarms or ()]
+        """Return the alarms of all onlookers, and which of them have failed."""
+        alarms: list[str] = []
+        for onlooker in self._working():
+            alarms += self._guarded(onlooker, _at(now), onlooker.alarms, now) or ()
+        return [*alarms, *self.problems]
 
     def finish(self, summary: dict[str, Any]) -> dict[str, str]:
-        """Let each add to the summary. Return the files for the run folder, by name."""
+        """Let every onlooker add to the summary. Return the files for the run folder, by name."""
         files: dict[str, str] = {}
-        for one in self.attached:
-            files |= self._guarded(one, None, one.finish, summary) or {}
+        for onlooker in self.attached:
+            files |= self._guarded(onlooker, " at the end", onlooker.finish, summary) or {}
         return files
 
     def show_verdict(self, verdict: str) -> None:
-        """Show each the verdict."""
-        for one in self.attached:
-            self._guarded(one, None, one.show_verdict, verdict)
+        """Show the verdict to every onlooker."""
+        for onlooker in self.attached:
+            self._guarded(onlooker, " at the end", onlooker.show_verdict, verdict)
 
     def all_problems(self) -> Iterator[str]:
-        """What has failed, a line each."""
+        """Yield what has failed, a line each."""
         yield from self.problems
-        yield from filter(None, (one.problem for one in self.attached))
+        yield from filter(None, (onlooker.problem for onlooker in self.attached))
 
     def close(self) -> None:
-        """Close each."""
-        for one in self.attached:
-            self._guarded(one, None, one.close)
+        """Close every onlooker."""
+        for onlooker in self.attached:
+            self._guarded(onlooker, " at the end", onlooker.close)
 
-    def _sound(self) -> Iterable[Onlooker]:
-        return [one for one in self.attached if id(one) not in self._failed]
+    def _working(self) -> list[Onlooker]:
+        """Return the onlookers that have not failed."""
+        return [onlooker for onlooker in self.attached if id(onlooker) not in self._failed]
 
-    def _guarded(self, one: Onlooker, now: float | None, call: Callable[..., Any], *given: Any) -> Any:
-        """Return the result of a call, None if it failed: then the onlooker is shown no more steps."""
+    def _guarded(self, onlooker: Onlooker, when: str, call: Callable[..., Any], *arguments: Any) -> Any:
+        """Return the result of a call, None if it failed: from then on the onlooker is shown no more steps."""
         try:
-            return call(*given)
+            return call(*arguments)
         except Exception as error:
-            self._failed.add(id(one))
-            when = "at the end" if now is None else f"at {now:.1f} s"
-            self.problems.append(f"{one.name}: stopped {when}: {error!r}")
+            self._failed.add(id(onlooker))
+            self.problems.append(f"{onlooker.name}: stopped{when}: {error!r}")
             return None
+
+
+def _at(time: float) -> str:
+    return f" at {time:.1f} s"

@@ -9,6 +9,7 @@ from textwrap import wrap
 from rich.panel import Panel
 from rich.text import Text
 
+from circnav_mav.foreign import printable
 from circnav_mav.guidance.types import TurnRate
 from circnav_mav.mav.frames import yaw_rate_from_turn_rate
 from circnav_mav.pilot import PilotSettings, TickRecord
@@ -73,7 +74,8 @@ class Picture:
         ]
         text = Text(no_wrap=True, overflow="crop")
         for name, value in rows:
-            text.append(f"{name:<{LABEL}}", "bold red" if name == ALARM else "").append(value).append("\n")
+            shown = printable(value) if isinstance(value, str) else value
+            text.append(f"{name:<{LABEL}}", "bold red" if name == ALARM else "").append(shown).append("\n")
         text.right_crop()
         return Panel(
             text, title=f"{self._title}, t = {status.time:.1f} s", subtitle=HOW_TO_STOP,
@@ -129,7 +131,7 @@ class Picture:
     def _folded(self, texts: Iterable[str]) -> list[str]:
         """Texts in lines that fit, two for each at most."""
         room = self._width - LABEL - 4
-        return [line for text in texts for line in wrap(text, room, max_lines=2, placeholder=" ...")]
+        return [line for text in texts for line in wrap(printable(text), room, max_lines=2, placeholder=" ...")]
 
 
 def _style(status: Status) -> str:

@@ -22,7 +22,7 @@ from typing import IO, Any
 
 from circnav_mav.mav.signing import without_signature
 from circnav_mav.pilot import TickRecord
-from circnav_mav.pilot.loop_step import HELD_BACK, LoopStep
+from circnav_mav.pilot.loop_step import HELD_BACK, LoopStep, requests_text
 from circnav_mav.runtime.lock import lock
 
 FRAMES_SHARE = 0.75
@@ -34,10 +34,10 @@ MOST_SOURCES = 1000
 CLOSE_PATIENCE = 10.0
 """Time, s, that a slow disk is given at the end."""
 TICK_COLUMNS = TickRecord._fields
-TURN_COLUMNS = ("time_us", "heard", "said", "hello", "interrupt", "survey")
+TURN_COLUMNS = ("time_us", "heard", "said", "hello", "interrupt", "attached", "requests")
 """heard: link initial, number of the source and count of whole frames of each datagram, as in `v0*2 r1*1`. said, hello:
-frames of ours; HELD_BACK: what there was to say was not sent; survey: frames of the survey. The tlog holds the frames
-of a step in this order, the survey's last."""
+frames of ours; HELD_BACK: what there was to say was not sent; attached: frames of onlookers; requests: for another
+circle, as JSON. The tlog holds the frames of a step in this order."""
 
 
 class RecorderError(Exception):
@@ -126,7 +126,7 @@ class Recorder:
             return
         try:
             action(*arguments)
-        except (OSError, ValueError) as error:
+        except Exception as error:
             self._broken = True
             self._note(f"{self.folder}: recording stopped: {getattr(error, 'strerror', None) or error}")
 
@@ -153,7 +153,15 @@ class Recorder:
         self._tlog.flush()
         heard = " ".join(f"{link[0]}{self._number(source)}*{len(datagram)}" for link, source, datagram in item.heard)
         said = HELD_BACK if item.held_back else len(item.said) or ""
-        row = (round(item.time * 1e6), heard, said, len(item.hello) or "", item.interrupt, len(item.attached) or "")
+        row = (
+            round(item.time * 1e6),
+            heard,
+            said,
+            len(item.hello) or "",
+            item.interrupt,
+            len(item.attached) or "",
+            requests_text(item.requests),
+        )
         self._written += csv.writer(self._turns).writerow(row)
 
     def _number(self, source: Hashable) -> int:

@@ -3,10 +3,11 @@
 import select
 import signal
 import socket
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from types import FrameType
 
+from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.mav.framing import split_frames
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot, TickRecord
 from circnav_mav.pilot.loop_step import LoopStep
@@ -60,7 +61,7 @@ def run(
         clock.advance(due)
         if signing_time is not None:
             signing_time.turn()
-        step = turn(pilot, links, clock, now, stop.signal_name)
+        step = turn(pilot, links, clock, now, stop.signal_name, onlookers.circle_requests(now))
         now = step.time
         records = pilot.take_records()
         newest = records[-1] if records else newest
@@ -78,9 +79,10 @@ def turn(
     clock: Clock,
     before: float,
     signal_name: str | None = None,
+    requests: Sequence[CircleRequest] = (),
 ) -> LoopStep:
     """One turn of the loop: receive, step, send. before: time of the last one. signal_name: of a signal that has come
-    to end the flight."""
+    to end the flight. requests: for another circle, from outside of the pilot."""
     began = clock.real()
     received = [(name, *one) for name, link in links.items() for one in link.receive(before)]
     now = clock.now()  # a range that came while we stood still is not dated before it was sent
@@ -88,6 +90,9 @@ def turn(
     for name, data, source in received:
         pilot.receive(data, now, source, name)
         step.heard.append((name, source, pilot.take_frames()))
+    for request in requests:
+        step.requests.append(request)
+        pilot.request_circle(request, now)
     if signal_name and pilot.mission.outcome is None:
         step.interrupt = signal_name
         pilot.interrupt(now, signal_name)

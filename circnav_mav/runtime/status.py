@@ -4,10 +4,10 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
-from math import degrees, hypot, isfinite
+from math import atan, degrees, hypot, isfinite
 from typing import NamedTuple
 
-from circnav_mav.mav.frames import compass_from_vector
+from circnav_mav.mav.frames import GRAVITY, compass_from_vector
 from circnav_mav.mav.ranging.interface import OTHERS
 from circnav_mav.pilot import VEHICLE, Ending, OutputMode, Pilot, PilotSettings, TickRecord, phase_name
 from circnav_mav.pilot.authority import SILENT
@@ -17,7 +17,9 @@ from circnav_mav.pilot.pilot import FLOODED
 from circnav_mav.runtime.onlookers import Onlooker, Onlookers
 
 RATE_SPAN = 3.0
-"""Time, s, over which rates are taken."""
+"""Time, s, over which rates are taken. Alarms that go by rates wait until so much is known."""
+FEW_SETPOINTS = 0.5
+"""Share of the setpoints of `limits.tick_hz` below which a steered vehicle gets too few."""
 MOST_REJECTED = 0.5
 """Share of the ranges that may be refused before it is worth a warning."""
 LOOK, MOST_ALARMS = 1.0, 1000
@@ -29,7 +31,8 @@ SILENCED = {
 
 
 class Rates(NamedTuple):
-    """Per second: frames heard, ranges taken and refused, setpoints sent."""
+    """Frames received, ranges taken, ranges rejected for no reason that is shown otherwise, and setpoints sent, per
+    second."""
 
     frames: float
     taken: float
@@ -68,15 +71,26 @@ class Watch:
     def __init__(self, pilot: Pilot, onlookers: Onlookers) -> None:
         self._pilot, self._onlookers = pilot, onlookers
         self._seen: deque[tuple[float, Rates]] = deque()
+        self._steered_since: float | None = None
 
     def status(self, tick: TickRecord, now: float, problem: str | None = None) -> Status:
         """The status with this newest tick. problem: what is wrong with the recording."""
         pilot, rates, timing = self._pilot, self._rates(now), self._pilot.settings.timing
-        alarms = [*_alarms(pilot, tick, now, rates), *self._onlookers.alarms(now)]
+        whole = rates if now - self._seen[0][0] >= RATE_SPAN else None
+        if not pilot.mission.steering:
+            self._steered_since = None
+        elif self._steered_since is None:
+            self._steered_since = now
+        steered = 0.0 if self._steered_since is None else now - self._steered_since
+        alarms = _alarms(pilot, tick, now, whole)
+        alarms += _few_setpoints(pilot, whole) if steered > RATE_SPAN else []
+        alarms += self._onlookers.alarms(now)
         if problem is not None:
             alarms.append(f"NOT RECORDING: {problem}")
-        if tick.range_age is not None and tick.range_age > timing.stale + timing.hold:
-            # the prediction stands for no range any more: by now it would not hold the turn either
+        lost = timing.stale if tick.x is None else timing.stale + timing.hold
+        if tick.range_age is not None and tick.range_age > lost:
+            # A prediction from the range alone flies straight on, and the vehicle does not. By the relative motion it
+            # follows the vehicle, for as long as that holds the turn.
             tick = tick._replace(r=None, r_dot=None, r_sigma=None, r_dot_sigma=None)
         return Status(
             time=now,
@@ -99,7 +113,7 @@ class Watch:
     def _rates(self, now: float) -> Rates | None:
         pilot, seen = self._pilot, self._seen
         frames, tracker = pilot.connection.counts[VEHICLE].frames, pilot.tracker
-        counts = Rates(frames, tracker.accepted, tracker.ranging.refused, pilot.setpoints_sent)
+        counts = Rates(frames, tracker.accepted, tracker.ranging.unexplained, pilot.setpoints_sent)
         seen.append((now, counts))
         while len(seen) > 2 and now - seen[1][0] >= RATE_SPAN:
             seen.popleft()
@@ -201,6 +215,8 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None) -> 
     timing, found = pilot.settings.timing, pilot.session.identity.rivals.recent(now)
     if now - pilot.allowance.dropped_at < FLOODED:
         found.append(f"FLOOD: what others send is not read, {pilot.allowance.dropped / 1000:.0f} kB so far")
+    if second := pilot.second_controller(now):
+        found.append(f"SECOND CONTROLLER: {second}: stop the other program")
     if pilot.mission.outcome is not None and pilot.mission.outcome.ending is not Ending.COMPLETED:
         found.append(f"{pilot.mission.outcome.ending.value.upper()}: {pilot.mission.outcome.reason}")
     elif tick.phase is Phase.YIELDED:
@@ -209,14 +225,21 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None) -> 
         if tick.link_age is not None and tick.link_age > SILENT:
             found.append(f"LINK SILENT for {tick.link_age:.1f} s")
         if tick.range_age is not None and tick.range_age > timing.stale:
-            patience = f": holding the circle's turn rate, ends at {timing.stale + timing.hold:g} s"
+            flows = "" if rates is None else f" by {rates.setpoints:.0f} setpoints per second"
+            patience = f": holding the circle's turn rate{flows}, ends at {timing.stale + timing.hold:g} s"
             found.append(f"RANGE STALE {tick.range_age:.1f} s{patience if tick.phase is Phase.HOLDING else ''}")
         if frozen := pilot.tracker.noise.repeated:
             found.append(f"RANGE FROZEN: the same number for {frozen:.0f} s, ranges are rejected until it changes")
         if wrong := pilot.tracker.rates.trouble:
             found.append(f"RANGE RATE DROPPED: {wrong}")
+        if not pilot.controller.turns.follows and pilot.mission.steering:
+            found.append(f"VEHICLE DOES NOT FOLLOW turn commands: ends after {timing.unfollowed:g} s")
         if tick.gain_share < 1:
-            found.append(f"LIMIT CYCLE: turn command hits both limits, gains reduced to {100 * tick.gain_share:.0f} %")
+            found.append(f"LIMIT CYCLE: the turn swings, gains reduced to {100 * tick.gain_share:.0f} %")
+        if (lean := pilot.controller.lean).share < 1:
+            angle, V = degrees(atan(lean.found / GRAVITY)), pilot.settings.orbit.speed
+            words = f"the copter leans {angle:.0f} deg at most, too little for {V:g} m/s in this wind"
+            found.append(f"LEAN LIMIT: {words}: speed {pilot.controller.speed:.1f} m/s")
         if pilot.drift_alarm.on:
             found.append(f"DRIFT TOO STRONG: {pilot.drift_alarm.text}")
         if pilot.unwatched:
@@ -231,6 +254,15 @@ def _alarms(pilot: Pilot, tick: TickRecord, now: float, rates: Rates | None) -> 
         if trouble := pilot.tracker.height.trouble(now):
             found.append(trouble)
     return found
+
+
+def _few_setpoints(pilot: Pilot, rates: Rates | None) -> list[str]:
+    """The alarm of a vehicle that is steered by fewer setpoints than it should get: an overloaded computer."""
+    wanted = 1 / pilot.settings.timing.tick
+    if rates is None or pilot.settings.output_mode is not OutputMode.FLY or rates.setpoints >= FEW_SETPOINTS * wanted:
+        return []
+    cure = "the computer is overloaded, stop other programs or lower limits.tick_hz"
+    return [f"FEW SETPOINTS: {rates.setpoints:.1f} of {wanted:.0f} per second are sent: {cure}"]
 
 
 def _vehicle(pilot: Pilot) -> str:

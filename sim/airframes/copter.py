@@ -6,13 +6,14 @@ from dataclasses import dataclass
 from ..body import GRAVITY, Body, pieces, to_earth, within
 from ..config import Airframe
 from ..demands import BodyVelocity, Demand, EarthVelocity, Spin, Tilt
-from .multicopter import DraggedCopter, Multicopter, YawLoop
+from .multicopter import DRAG, DraggedCopter, Multicopter, YawLoop
 from .unicycle import Unicycle
 
 STEP = 0.025
 TILT_LAG, YAW_LAG = 0.12, 0.15  # s
 YAW_GAIN = 4.5  # 1/s
 MOST_TILT = math.radians(80)
+ARDUPILOT_LEAN_DEG, PX4_LEAN_DEG = 30.0, 45.0  # ANGLE_MAX, MPC_TILTMAX_AIR as they come
 
 
 @dataclass(frozen=True)
@@ -130,6 +131,8 @@ def copter_airframe(config: Airframe) -> CopterAirframe:
     limit = math.radians(config.max_turn_rate_deg_s)
     ideal = Unicycle(limit, config.turn_lag_s, config.speed_lag_s)
     # Swings of +-45 deg/s at 1 Hz came back 1.19 times as large, no more: the acceleration is limited.
-    real = Multicopter(YawLoop(limit, dead_time=0.18, frequency=7.5, damping=0.46, most_acceleration=3.5))
+    yaw_loop = YawLoop(limit, dead_time=0.18, frequency=7.5, damping=0.46, most_acceleration=3.5).configured(config)
+    drag = DRAG if config.drag_per_s is None else config.drag_per_s
+    real = Multicopter(yaw_loop, drag, math.radians(config.max_lean_deg or ARDUPILOT_LEAN_DEG))
     held = real if config.dynamics == "realistic" else ideal
     return CopterAirframe(held, TiltingCopter(limit), carried=config.dynamics == "airborne")

@@ -49,7 +49,12 @@ class FixedWing:
         """As the vehicle file has it; the ideal one follows its bank by a lag alone and does not slip."""
         if config.dynamics == "unicycle":
             return FixedWing(config.turn_effectiveness or 1.0, config.turn_lag_s, trim_speed=self.trim_speed)
-        return replace(self, effectiveness=config.turn_effectiveness or self.effectiveness)
+        return replace(
+            self,
+            effectiveness=config.turn_effectiveness or self.effectiveness,
+            roll_frequency=config.turn_frequency_rad_s or self.roll_frequency,
+            roll_damping=config.turn_damping or self.roll_damping,
+        )
 
     def step(self, body: Body, demand: Bank | Glide, dt: float, wind: tuple[float, float]) -> Body:
         for h in pieces(dt, STEP):

@@ -1,9 +1,10 @@
 """Real multicopters that hold a velocity, as measured in flight: ArduCopter's and PX4's."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..body import GRAVITY, Body, at_most, lean, pieces, second_order, through_line, within
+from ..config import Airframe
 from ..demands import Brake, EarthVelocity
 
 STEP = 0.02
@@ -19,7 +20,6 @@ TRIM_TIME = 2.0  # s in which the loop's integrator (PSC_VELXY_P / I) holds a ne
 
 # PX4's loop
 PROPORTIONAL, INTEGRAL, DERIVATIVE = 1.8, 0.4, 0.2
-MOST_PX4_ACCELERATION = GRAVITY  # 45 deg of tilt
 SINKING = 0.06  # m/s: what vz = 0 loses
 CLIMB_LAG = 0.3
 
@@ -33,6 +33,14 @@ class YawLoop:
     frequency: float
     damping: float
     most_acceleration: float = math.inf
+
+    def configured(self, config: Airframe) -> "YawLoop":
+        """As the vehicle file has it."""
+        return replace(
+            self,
+            frequency=config.turn_frequency_rad_s or self.frequency,
+            damping=config.turn_damping or self.damping,
+        )
 
     def turn(self, body: Body, command: float, h: float) -> Body:
         line = through_line(body.on_the_way, command, self.dead_time, h)
@@ -59,10 +67,12 @@ class Multicopter:
     """
 
     yaw_loop: YawLoop
+    drag: float = DRAG
+    most_lean: float = math.radians(30)  # ANGLE_MAX
 
     def step(self, body: Body, demand: EarthVelocity | Brake, dt: float, wind: tuple[float, float]) -> Body:
         for h in pieces(dt, STEP):
-            body = self._small_step(_pushed(body, wind, h), demand, h)
+            body = self._small_step(self._pushed(body, wind, h), demand, h)
         return body
 
     def _small_step(self, body: Body, demand: EarthVelocity | Brake, h: float) -> Body:
@@ -76,18 +86,54 @@ class Multicopter:
             moved = _towards(turned, wanted, h)
         else:
             moved = _follow(turned, wanted, h)
-        return _tilted(_displaced(moved, body, wanted.down, h), body, h)
+        moved = self._leant(moved, body, wanted, h)
+        return self._tilted(_displaced(moved, body, wanted.down, h), body, h)
 
+    def _pushed(self, body: Body, wind: tuple[float, float], h: float) -> Body:
+        """What the wind has changed by since the loop was trimmed pushes, and is trimmed away in time."""
+        gust_north, gust_east = wind[0] - body.trimmed_wind[0], wind[1] - body.trimmed_wind[1]
+        share = h / TRIM_TIME
+        return body._replace(
+            velocity_north=body.velocity_north + self.drag * gust_north * h,
+            velocity_east=body.velocity_east + self.drag * gust_east * h,
+            trimmed_wind=(body.trimmed_wind[0] + gust_north * share, body.trimmed_wind[1] + gust_east * share),
+        )
 
-def _pushed(body: Body, wind: tuple[float, float], h: float) -> Body:
-    """What the wind has changed by since the loop was trimmed pushes, and is trimmed away in time."""
-    gust_north, gust_east = wind[0] - body.trimmed_wind[0], wind[1] - body.trimmed_wind[1]
-    share = h / TRIM_TIME
-    return body._replace(
-        velocity_north=body.velocity_north + DRAG * gust_north * h,
-        velocity_east=body.velocity_east + DRAG * gust_east * h,
-        trimmed_wind=(body.trimmed_wind[0] + gust_north * share, body.trimmed_wind[1] + gust_east * share),
-    )
+    def _thrust(self, moved: Body, before: Body, h: float) -> tuple[float, float]:
+        """Horizontal acceleration that the thrust makes: what was flown and the drag in the wind it knows."""
+        air_north, air_east = before.through_air(before.trimmed_wind)
+        north = (moved.velocity_north - before.velocity_north) / h + self.drag * air_north
+        east = (moved.velocity_east - before.velocity_east) / h + self.drag * air_east
+        return north, east
+
+    def _leant(self, moved: Body, before: Body, wanted: EarthVelocity, h: float) -> Body:
+        """The lean limit: what turns the path comes first, what is left holds the speed (AP_Math limit_accel_xy)."""
+        north, east = self._thrust(moved, before, h)
+        most = GRAVITY * math.tan(self.most_lean)
+        if math.hypot(north, east) <= most:
+            return moved
+        goal = math.hypot(wanted.north, wanted.east)
+        if goal > SLOW:
+            ahead = wanted.north / goal, wanted.east / goal
+            across = within(east * ahead[0] - north * ahead[1], most)
+            along = within(north * ahead[0] + east * ahead[1], math.sqrt(most**2 - across**2))
+            north, east = along * ahead[0] - across * ahead[1], along * ahead[1] + across * ahead[0]
+        else:
+            north, east = at_most(north, east, most)
+        air_north, air_east = before.through_air(before.trimmed_wind)
+        return moved._replace(
+            velocity_north=before.velocity_north + (north - self.drag * air_north) * h,
+            velocity_east=before.velocity_east + (east - self.drag * air_east) * h,
+        )
+
+    def _tilted(self, moved: Body, before: Body, h: float) -> Body:
+        """The attitude whose thrust, against the drag in the wind it knows, makes the acceleration just flown."""
+        roll, pitch = lean(*self._thrust(moved, before, h), moved.heading)
+        lag = 1 - math.exp(-h / 0.1)
+        roll, pitch = before.roll + (roll - before.roll) * lag, before.pitch + (pitch - before.pitch) * lag
+        return moved._replace(
+            roll=roll, pitch=pitch, roll_rate=(roll - before.roll) / h, pitch_rate=(pitch - before.pitch) / h
+        )
 
 
 def _follow(body: Body, wanted: EarthVelocity, h: float) -> Body:
@@ -146,19 +192,6 @@ def _displaced(moved: Body, before: Body, down: float, h: float) -> Body:
     )
 
 
-def _tilted(moved: Body, before: Body, h: float) -> Body:
-    """The attitude whose thrust, against the drag in the wind it knows, makes the acceleration just flown."""
-    air_north, air_east = before.through_air(before.trimmed_wind)
-    north = (moved.velocity_north - before.velocity_north) / h + DRAG * air_north
-    east = (moved.velocity_east - before.velocity_east) / h + DRAG * air_east
-    roll, pitch = lean(north, east, moved.heading)
-    lag = 1 - math.exp(-h / 0.1)
-    roll, pitch = before.roll + (roll - before.roll) * lag, before.pitch + (pitch - before.pitch) * lag
-    return moved._replace(
-        roll=roll, pitch=pitch, roll_rate=(roll - before.roll) / h, pitch_rate=(pitch - before.pitch) / h
-    )
-
-
 @dataclass(frozen=True)
 class DraggedCopter:
     """PX4's: the velocity loop in NED against drag, which is why a turning copter slows down and crabs. Drag in 1/s.
@@ -170,6 +203,7 @@ class DraggedCopter:
 
     yaw_loop: YawLoop
     drag: float
+    most_lean: float = math.radians(45)  # MPC_TILTMAX_AIR
 
     def step(self, body: Body, demand: EarthVelocity | Brake, dt: float, wind: tuple[float, float]) -> Body:
         wanted = demand if isinstance(demand, EarthVelocity) else EarthVelocity(0.0, 0.0, demand.down)
@@ -182,12 +216,13 @@ class DraggedCopter:
         (error_north, error_east), (lean_north, lean_east) = body.error.velocity, body.error.lean
         missing_north = wanted.north - body.velocity_north - error_north
         missing_east = wanted.east - body.velocity_east - error_east
+        most = GRAVITY * math.tan(self.most_lean)
         north, east = at_most(
             PROPORTIONAL * missing_north + body.push_north + wanted.acceleration_north,
             PROPORTIONAL * missing_east + body.push_east + wanted.acceleration_east,
-            MOST_PX4_ACCELERATION,
+            most,
         )
-        limited = math.hypot(north, east) >= MOST_PX4_ACCELERATION * 0.999
+        limited = math.hypot(north, east) >= most * 0.999
         north, east = north - GRAVITY * lean_north, east - GRAVITY * lean_east
         drag_north, drag_east = (self.drag * speed for speed in body.through_air(wind))
         # the loop takes DERIVATIVE times the acceleration that comes of it off what it asks for

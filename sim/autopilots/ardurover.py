@@ -4,6 +4,8 @@ import math
 from typing import ClassVar
 
 from ..agenda import NEVER
+from ..airframes.multicopter import YawLoop
+from ..airframes.rover import RingingRover
 from ..airframes.unicycle import Unicycle
 from ..body import Body, euler, within
 from ..config import VehicleConfig
@@ -39,9 +41,11 @@ class ArduRover(ArduPilot):
         ideal = vehicle.dynamics == "unicycle"
         limit = math.radians(vehicle.max_turn_rate_deg_s)
         self._gain = 1.0 if ideal else TURN_GAIN
-        self._airframe = Unicycle(
+        self._airframe: Unicycle | RingingRover = Unicycle(
             limit, vehicle.turn_lag_s if ideal else TURN_LAG, vehicle.speed_lag_s if ideal else SPEED_LAG
         )
+        if not ideal and (vehicle.turn_damping or vehicle.turn_frequency_rad_s):
+            self._airframe = RingingRover(YawLoop(limit, 0.05, 1 / TURN_LAG, 0.7).configured(vehicle), SPEED_LAG)
         self._target: BodyVelocity | None = None
         self._goal: tuple[float, float] | None = None  # north, east
         self._leg_speed = self.params["WP_SPEED"]

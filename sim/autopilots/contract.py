@@ -9,7 +9,7 @@ from typing import NamedTuple
 from ..agenda import NEVER
 from ..body import Body
 from ..config import Event, VehicleConfig
-from ..demands import Demand
+from ..demands import Bank, Demand, Glide
 from ..links import Message
 from ..params import Parameters
 
@@ -183,7 +183,7 @@ class Autopilot(ABC):
     def shown_airspeed(self, shown: Body, wind: tuple[float, float]) -> float:
         """VFR_HUD.airspeed: what this vehicle reports, which need not be the true airspeed."""
 
-    def flown(self) -> Demand | None:
+    def flown(self) -> Demand | Bank | Glide | None:
         """The setpoint being flown, of vehicles that echo it (POSITION_TARGET_LOCAL_NED, ATTITUDE_TARGET)."""
         return None
 

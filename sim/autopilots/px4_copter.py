@@ -2,7 +2,7 @@
 
 import math
 
-from ..airframes.copter import CopterAirframe, TiltingCopter
+from ..airframes.copter import PX4_LEAN_DEG, CopterAirframe, TiltingCopter
 from ..airframes.multicopter import DraggedCopter, YawLoop
 from ..airframes.unicycle import Unicycle
 from ..body import Body, at_most
@@ -32,14 +32,16 @@ class Px4Copter(Px4):
         own = (
             Parameter("MC_YAWRATE_MAX", 200.0),
             Parameter("MPC_XY_VEL_MAX", FASTEST),
+            Parameter("MPC_TILTMAX_AIR", vehicle.max_lean_deg or PX4_LEAN_DEG),
             Parameter("MIS_TAKEOFF_ALT", 2.5),
             Parameter("RTL_RETURN_ALT", 60.0),
         )
         super().__init__(IDENTITY, px4_parameters(config, *own), config, say, start)
         limit = min(MOST_YAW_RATE, math.radians(vehicle.max_turn_rate_deg_s))
-        drag = vehicle.drag_per_s
+        drag, lean = (1.0 if vehicle.drag_per_s is None else vehicle.drag_per_s), vehicle.max_lean_deg or PX4_LEAN_DEG
         yaw_loop = YawLoop(limit, dead_time=0.12, frequency=5.0, damping=0.7)  # 63 % of a step after 0.45 .. 0.5 s
-        real, ideal = DraggedCopter(yaw_loop, drag), Unicycle(limit, vehicle.turn_lag_s, vehicle.speed_lag_s)
+        real = DraggedCopter(yaw_loop.configured(vehicle), drag, math.radians(lean))
+        ideal = Unicycle(limit, vehicle.turn_lag_s, vehicle.speed_lag_s)
         by_velocity = ideal if vehicle.dynamics == "unicycle" else real
         self._airframe = CopterAirframe(by_velocity, TiltingCopter(limit, drag=drag))
         self._hold = (start.north, start.east, start.down)

@@ -62,6 +62,9 @@ class Px4Plane(Px4):
             speed = max(self.params["FW_AIRSPD_MIN"], min(self.params["FW_AIRSPD_MAX"], self.cruise))
         return Bank(self._bank, speed * self._scale, self._height)
 
+    def flown(self) -> Bank | Glide:
+        return self._demand()
+
     def wake(self, now: int) -> None:
         super().wake(now)
         self._think_at = now + THINK_US

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from ..airframes.copter import ARDUPILOT_LEAN_DEG
 from ..config import VehicleConfig
 from ..params import INT8, INT16, INT32, Parameter, Parameters
 from . import modes
@@ -47,6 +48,7 @@ def copter_parameters(config: VehicleConfig) -> Parameters:
     return _parameters(
         config,
         "FS_GCS_ENABLE",
+        Parameter("ANGLE_MAX", round(100 * (config.vehicle.max_lean_deg or ARDUPILOT_LEAN_DEG)), INT16),
         Parameter("FS_EKF_ACTION", 1, INT8),
         Parameter("GUID_OPTIONS", 0, INT16),
         Parameter("GUID_TIMEOUT", config.vehicle.setpoint_timeout_s or 3.0),

@@ -1,140 +1,29 @@
-"""The command line run inside the test, with its exit code and what it printed; and a flight for it to read."""
+"""The command line run inside the test, and a flight for it to read."""
 
-import importlib
-import json
-import shutil
-import signal
-import socket
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import closing
-from dataclasses import dataclass
-from pathlib import Path
-from types import SimpleNamespace
+from tests.command_line import (
+    browser,
+    busy_port,
+    chromium,
+    circnav,
+    flown,
+    full,
+    mission,
+    no_pictures,
+    run,
+    undrawn,
+    with_manifest,
+)
 
-import pytest
-
-from circnav_mav.cli import main
-from tests import small_mission
-from tests.browser import CHROMIUM, Browser
-from tests.flight.recorded import recorded_flight
-
-
-@dataclass
-class Ran:
-    """How a command ended."""
-
-    code: int
-    out: str
-    err: str
-
-    @property
-    def done(self) -> str:
-        """What it printed, and nothing was wrong."""
-        assert (self.code, self.err) == (0, ""), self.out
-        return self.out
-
-    @property
-    def line(self) -> str:
-        """What a person was told: one line, and no traceback."""
-        lines = self.err.strip().splitlines()
-        assert len(lines) == 1, self.err
-        assert "Traceback" not in self.out + self.err
-        return lines[0]
-
-    @property
-    def refused(self) -> str:
-        """The line of a command that was used wrongly."""
-        before, _, told = self.line.partition("circnav: ")
-        assert (self.code, before) == (2, "")
-        return told
-
-
-@pytest.fixture
-def circnav(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> Iterator[Callable[..., Ran]]:
-    """Run `circnav ARGUMENTS` in an empty folder."""
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: object) -> Ran:
-        monkeypatch.setattr(sys, "argv", ["circnav", *map(str, arguments)])
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as left:
-            main()
-        out, err = capsys.readouterr()
-        return Ran(int(left.value.code or 0), out, err)
-
-    yield run
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
-
-
-@pytest.fixture
-def mission(tmp_path: Path) -> Path:
-    """A mission file that a real vehicle would have to answer; it waits for 0.3 s."""
-    path = tmp_path / "mission.toml"
-    path.write_text(small_mission.TEXT.replace('127.0.0.1:14550"', '127.0.0.1:0"\nwait_s = 0.3'), encoding="utf-8")
-    return path
-
-
-@pytest.fixture(scope="session")
-def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The run folder of 10 s of the quickstart, without summary.json, as of a process that was killed. Nobody writes
-    into it."""
-    folder = tmp_path_factory.mktemp("flown")
-    recorded_flight(folder, "quickstart", "limits.duration_s=10").fly(20).recorder.close()
-    return folder
-
-
-@pytest.fixture
-def run(flown: Path, tmp_path: Path) -> Path:
-    """A copy of it."""
-    return shutil.copytree(flown, tmp_path / "run")
-
-
-@pytest.fixture
-def with_manifest(run: Path) -> Callable[..., None]:
-    """Changes values of the run's manifest.json: with_manifest(voice="shadow")."""
-    path = run / "manifest.json"
-    return lambda **changed: path.write_text(json.dumps(json.loads(path.read_text()) | changed)) and None
-
-
-@pytest.fixture
-def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Reports without flight.png, which takes nearly all of their time to draw."""
-    module = importlib.import_module("circnav_mav.cli.report")  # the package's `report` is the command
-    monkeypatch.setattr(module, "plot_flight", lambda path, *what: path.write_bytes(b"a picture"))
-
-
-@pytest.fixture
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Flights end without their pictures, which a process of its own takes a second to draw."""
-    fly = importlib.import_module("circnav_mav.cli.fly")  # the package's `fly` is the command
-    monkeypatch.setattr(fly, "Drawing", lambda folder: SimpleNamespace(draw=list))
-
-
-@pytest.fixture
-def busy_port() -> Iterator[int]:
-    """A UDP port that somebody else has."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        other.bind(("127.0.0.1", 0))
-        yield other.getsockname()[1]
-
-
-@pytest.fixture(scope="session")
-def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    """A browser for all tests: it takes seconds to start."""
-    if CHROMIUM is None:
-        pytest.skip("no Chromium here")
-    with closing(Browser(tmp_path_factory.mktemp("profile"))) as browser:
-        yield browser
-
-
-@pytest.fixture
-def browser(chromium: Browser) -> Browser:
-    """A page in which nothing has gone wrong yet."""
-    chromium.open("about:blank")
-    chromium.complaints.clear()
-    return chromium
+__all__ = [
+    "browser",
+    "busy_port",
+    "chromium",
+    "circnav",
+    "flown",
+    "full",
+    "mission",
+    "no_pictures",
+    "run",
+    "undrawn",
+    "with_manifest",
+]

@@ -1,4 +1,4 @@
-"""Help, check, preflight, emulate, bench and paper: what they print and how they end."""
+"""Help, check, preflight and emulate: what they print and how they end."""
 
 import signal
 import time
@@ -8,6 +8,7 @@ import pytest
 
 from circnav_mav import __version__
 from circnav_mav.cli import circnav as cli
+from circnav_mav.extension import extensions
 from tests.process import PATIENCE, ROOT, UNHURRIED
 from tests.process import circnav as process_of
 
@@ -24,13 +25,14 @@ def test_the_help_names_the_commands_in_the_order_of_a_newcomer_and_the_exit_cod
         assert word in out
     commands = [line.split()[0] for line in out.partition("Commands:\n")[2].splitlines()]
     assert commands[:4] == ["fly", "init", "check", "preflight"]
-    for command in cli.commands:
+    assert commands == [*cli.commands, *(command for one in extensions() for command in one.commands)]
+    for command in commands:
         out = circnav(command, flag).done
         assert "Example" in out
         assert f"    circnav {command} " in out
-        commands = out.partition("Commands:\n")[2].splitlines()
-        assert commands or command not in ("ranging", "runs")
-        assert not [line for line in commands if line.endswith("...")], "cut off at 80 columns"
+        within = out.partition("Commands:\n")[2].splitlines()
+        assert within or command not in ("ranging", "runs")
+        assert not [line for line in within if line.endswith("...")], "cut off at 80 columns"
     assert circnav("--version").done == f"circnav, version {__version__}\n"
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     assert project["project"]["version"] == __version__
@@ -142,30 +144,3 @@ def test_an_emulator_at_another_speed_says_how_to_be_flown(circnav, busy_port, m
     _, how = circnav(*emulate, "--speed", "8").done.splitlines()
     assert how == """8 times real time: fly it with --set 'link.clock="autopilot"'"""
     assert len(circnav(*emulate).done.splitlines()) == 1
-
-
-# --- bench and paper ---
-
-
-CELL = ("bench", "--law", "pd", "--situation", "calm")
-
-
-def test_a_cell_is_flown_and_written(circnav, tmp_path):
-    out = circnav(*CELL, "--flights", "2", "--out", tmp_path).done
-    assert "kept    2 of 2" in out
-    assert "ideal times" in out
-    assert (tmp_path / "table.csv").read_text().startswith("situation,policy,flights,kept")
-    assert (tmp_path / "table.png").exists()
-
-
-def test_a_place_that_cannot_be_written_is_found_out_before_anything_flies(circnav, tmp_path, monkeypatch):
-    monkeypatch.setattr("circnav_mav.extras.bench.bench.run", None)
-    (tmp_path / "out" / "table.csv").mkdir(parents=True)
-    assert "Is a directory" in circnav(*CELL, "--out", tmp_path / "out").refused
-
-
-def test_the_paper_is_six_figures_and_a_table(circnav, tmp_path):
-    assert "10.98684 m" in circnav("paper", "--out", tmp_path / "paper", "--starts", "1").done
-    names = {path.name for path in (tmp_path / "paper").iterdir()}
-    assert all(path.read_bytes().startswith(b"\x89PNG") for path in (tmp_path / "paper").glob("*.png"))
-    assert names == {f"example_{n}_{kind}.png" for n in (1, 2, 3) for kind in ("track", "error")} | {"table.md"}

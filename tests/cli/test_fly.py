@@ -1,16 +1,14 @@
-"""`circnav fly` where no vehicle is: exit code 3, and what was heard; with a signing key; with its page."""
+"""`circnav fly` where no vehicle is: exit code 3, and what was heard; with a signing key."""
 
 import json
 import re
 import socket
 import threading
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.extras.web.feed import LivePage
-from tests.flight.lockstep import flight
 from tests.flight.signed import KEY
 from tests.process import PATIENCE
 from tests.process import circnav as process_of
@@ -28,9 +26,8 @@ def test_nobody_there_and_no_heartbeat_at_all_which_is_recorded_in_a_folder_name
     endpoint = f"tcp:127.0.0.1:{port}"
     ran = circnav("fly", mission, "--endpoint", endpoint)
     assert (ran.code, ran.line) == (3, f"circnav: endpoint {endpoint}: nobody listens there (connection refused)")
-    ran = circnav("fly", mission, "--set", "orbit.radius_m=80.0", "--duration", "7", "--web", 0)
+    ran = circnav("fly", mission, "--set", "orbit.radius_m=80.0", "--duration", "7")
     assert (ran.code, ran.err) == (3, "")
-    assert re.search(r"live page at http://127\.0\.0\.1:\d+/\n", ran.out)
     assert "no vehicle: no autopilot heartbeat, 0 bytes heard" in ran.out
     (folder,) = (tmp_path / "runs").iterdir()
     assert folder.name.endswith("-small")
@@ -158,55 +155,3 @@ def test_a_vehicle_that_is_not_believed_is_told_in_one_line_and_the_key_to_nobod
     ran = unsigned("preflight", "--seconds", "1")
     assert ran.code == 3
     assert "every frame heard is unsigned or wrongly signed" in ran.out
-
-
-# --- with its page ---
-
-
-def test_a_port_in_use_is_refused_before_anything_flies(circnav, mission, tmp_path):
-    with socket.create_server(("127.0.0.1", 0)) as other:
-        port = other.getsockname()[1]
-        line = circnav("fly", mission, "--web", port, "--out", tmp_path / "out").refused
-    assert line.startswith(f"--web {port}: 127.0.0.1:{port} cannot be had: Address already in use; choose")
-    assert not (tmp_path / "out").exists()
-
-
-DESIRED_ON_TOP = """
-[...document.querySelectorAll("#track circle.level, #track path.line")].at(-1).matches("circle")"""
-
-
-def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(browser, tmp_path):
-    """A radio that is silent for two seconds is one alarm, however often its number changes."""
-    silent = 'sim.events=[{at_s=7.0, action="mute_ranging"}, {at_s=9.0, action="unmute_ranging"}]'
-    options = ("--web", "0", "--speed", "2", "--duration", "12", "--out", str(tmp_path / "run"), "--set", silent)
-    with process_of("fly", "quickstart", *options) as flown:
-        said = next(line for line in flown.stdout if line.startswith("live page at "))
-        browser.open(said.split()[-1])
-        browser.until("document.getElementById('phase').innerText.toLowerCase() === 'engaged'")
-        browser.until("document.querySelectorAll('#charts svg.strip').length === 7")
-        browser.until("points.length > 20 && document.querySelector('#track path.line.true')")
-        longest = "svg => Math.max(...[...svg.querySelectorAll('path.line')].map(path => path.getTotalLength()))"
-        lines = "[...document.querySelectorAll('#charts svg.strip')].filter(svg => svg.querySelector('.line'))"
-        drawn = browser.value(f"{lines}.map({longest})")
-        assert len(drawn) == 4
-        assert min(drawn) > 300  # px of line in every chart
-        assert browser.value("document.getElementById('link').innerText") == "live"
-        assert browser.value(DESIRED_ON_TOP)
-        assert re.fullmatch(r"\d{3} deg", browser.value("document.querySelector('[data-fact=heading]').innerText"))
-        browser.until("!document.getElementById('outcome').hidden")
-        assert "COMPLETED: flown to its end" in browser.value("document.getElementById('outcome').innerText")
-        assert browser.value("document.getElementById('link').innerText") == "stream ended"
-        assert browser.value("alarms.map(([, words]) => words.split(' ').slice(0, 2).join(' '))") == ["RANGE STALE"]
-        told = browser.value("document.getElementById('circle').innerText")
-        assert re.fullmatch(r"100 m .*\. 2\d+-\d\d-\d\d \d\d:\d\d UTC\. ardupilot copter, firmware 4.6.3", told)
-        assert browser.complaints == []
-        flown.communicate(timeout=PATIENCE)
-    assert flown.returncode == 0
-
-
-def test_the_page_says_when_the_connection_is_lost(browser):
-    with closing(LivePage(flight("quickstart").pilot, 0, name="small", tolerance=5.0, speed=1.0)) as page:
-        browser.open(page.url)
-        browser.until("document.getElementById('name').innerText === 'small'")
-        page._process.kill()
-        browser.until("document.getElementById('link').innerText === 'connection lost, trying again'")

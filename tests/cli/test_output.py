@@ -2,39 +2,17 @@
 
 import json
 import os
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
-from tests.process import PATIENCE, ROOT, UNDRAWN
+from tests.command_line import FULL, ended
 
-CAMPAIGN = f"""mission = "{ROOT / "config" / "campaign_mission.toml"}"
-runs = 4
-[vary]
-"guidance.law" = ["smooth"]
-"limits.duration_s" = [5.0]
-"""
 COMMANDS = ["replay run", "preflight quickstart --seconds 1", "--help"]
-FULL = "circnav: standard output cannot be written: No space left on device\n"
-
-
-def ended(place, command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, *, kilobytes="unlimited", **environment):
-    """How `circnav COMMAND` ends in a process whose files may not be longer, which the kernel answers like a full disk;
-    bytecode would be cut off, too."""
-    program = ["-c", UNDRAWN] if command.startswith("fly") else ["-m", "circnav_mav"]
-    words = [sys.executable, "-B", *program, *command.split()]
-    return subprocess.run(
-        ["bash", "-c", f'ulimit -f {kilobytes}; exec "$@"', "bash", *words], cwd=place, stdout=stdout, stderr=stderr,
-        text=True, check=False, env={"PYTHONPATH": str(ROOT), "PATH": "/bin"} | environment, timeout=PATIENCE,
-    )  # fmt: skip
 
 
 @pytest.fixture
 def told(run):
     """Exit code and standard error of a command whose standard output, or error, is a file of ours."""
-    (run.parent / "c.toml").write_text(CAMPAIGN)
 
     def told(command, *streams, **environment):
         ran = ended(run.parent, command, *streams, **environment)
@@ -43,15 +21,7 @@ def told(run):
     return told
 
 
-@pytest.fixture
-def full():
-    if not Path("/dev/full").exists():
-        pytest.skip("needs /dev/full")
-    with Path("/dev/full").open("w") as file:
-        yield file
-
-
-@pytest.mark.parametrize("command", ["replay run", "campaign c.toml --processes 1", "--help", "emulate"])
+@pytest.mark.parametrize("command", ["replay run", "--help", "emulate"])
 def test_an_output_that_is_full_is_one_line_that_names_it(told, full, command):
     assert told(command, full) == (2, FULL)
 
@@ -81,17 +51,9 @@ def test_a_reader_that_went_away_ends_the_command_without_a_word(told, command):
     ids=["a flight that went well has an exit code of its own", "one that did not keeps its own"],
 )  # fmt: skip
 def test_a_flight_that_was_not_recorded_to_its_end_says_so(tmp_path, options, kilobytes, code, outcome):
-    ran = ended(tmp_path, f"fly quickstart {options} --out run", kilobytes=kilobytes)
+    ran = ended(tmp_path, f"fly quickstart {options} --out run", limit=f"-f {kilobytes}")
     assert (ran.returncode, ran.stderr) == (code, "")
     assert f"{outcome.upper()}: " in ran.stdout
     assert "WARNING    run: recording stopped: File too large" in ran.stdout
     assert json.loads((tmp_path / "run" / "manifest.json").read_text())["exit"] == code
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["outcome"] == outcome
-
-
-def test_a_picture_that_finds_no_room_leaves_the_older_one_as_it_is(tmp_path):
-    (tmp_path / "p").mkdir()
-    (tmp_path / "p" / "example_1_track.png").write_text("older")
-    ran = ended(tmp_path, "paper --starts 1 --out p", kilobytes=10)
-    assert (ran.returncode, ran.stderr) == (2, "circnav: p/example_1_track.png: File too large\n")
-    assert [(path.name, path.read_text()) for path in (tmp_path / "p").iterdir()] == [("example_1_track.png", "older")]

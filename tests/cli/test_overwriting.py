@@ -26,27 +26,6 @@ def test_a_replay_is_written_over_an_earlier_one_and_over_no_flight_and_no_other
     assert contents(tmp_path / "kept") == {"ticks.csv": b"mine"}
 
 
-def test_an_export_is_written_over_nothing_that_is_no_export_and_one_that_fails_leaves_the_earlier_one_whole(
-    circnav, run, monkeypatch
-):
-    pytest.importorskip("mcap", reason="needs the extra [mcap]")
-    before = contents(run)
-    line = circnav("export", run, "--mcap", run / "mission.toml").refused
-    assert line == f"--mcap {run / 'mission.toml'}: is there and no MCAP file, name another"
-    assert "is there and no file" in circnav("export", run, "--mcap", "/dev/null").refused
-    assert contents(run) == before
-    for _ in range(2):
-        assert circnav("export", run, "--mcap").done
-    before = contents(run)
-
-    def full(*arguments):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("circnav_mav.extras.mcap.export._tick_rows", full)
-    assert "No space left on device" in circnav("export", run, "--mcap").refused
-    assert contents(run) == before
-
-
 @pytest.mark.parametrize(
     ("name", "says"),
     [

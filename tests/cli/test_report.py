@@ -14,7 +14,6 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mission.load import load_mission
 from circnav_mav.runlog.tlog import message_id, read_tlog
-from tests.cli.test_verdict import PLACE
 from tests.flight.lockstep import CONFIG
 from tests.flight.recorded import recorded_flight
 from tests.runlog.conftest import rewrite_ticks
@@ -152,20 +151,6 @@ def test_ten_minutes_stay_under_a_megabyte(page_of, run):
     longer = [f"{float(t) + 30 * n:.6f},{rest}" for n in range(20) for t, _, rest in (r.partition(",") for r in rows)]
     (run / "ticks.csv").write_text("\n".join([header, *longer]) + "\n")
     assert len(page_of()[0]) < 1_000_000
-
-
-def test_a_surveyed_place_is_a_map_in_the_page(page_of, run):
-    place = PLACE | {"latitude_deg": -35.36, "longitude_deg": 149.16, "ellipse_95": {"semi_major_m": 3.7}}
-    (run / "summary.json").write_text(json.dumps({"place": place}))
-    point = {"type": "Point", "coordinates": [149.16, -35.36]}
-    features = [{"geometry": point, "properties": {"name": "target", "ellipse_95": place["ellipse_95"]}}]
-    (run / "target.geojson").write_text(json.dumps({"features": features}))
-    page, _ = page_of()
-    target = page.partition("<h2>Target on the map</h2>")[2].partition("</table>")[0]
-    assert (run / "target.png").read_bytes().startswith(b"\x89PNG")
-    assert "data:image/png;base64," in target
-    assert "<td>latitude_deg</td><td>-35.36</td>" in target
-    assert "ellipse_95" not in target
 
 
 @pytest.mark.parametrize(

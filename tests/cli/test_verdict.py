@@ -18,8 +18,6 @@ SUMMARY: dict[str, Any] = {
 }  # fmt: skip
 TURN = {"turn_std_deg_s": 7.31, "turn_at_limit": 0.112}
 GAIN = {"turn_gain": 0.98, "turn_delay_s": 0.31, "law_changes": 2}
-PLACE = {"latitude_deg": 47.5, "longitude_deg": 8.25, "sigma_m": 1.44, "altitude_m": None, "moves": False,
-         "speed_mps": 2.0, "course_deg": 45.0, "time_s": 60.0}  # fmt: skip
 
 
 def told(**changes: Any) -> str:
@@ -51,10 +49,7 @@ def told(**changes: Any) -> str:
         ({**TURN, **GAIN}, "vehicle    turn gain 0.98, turn delay 0.31 s; law changes 2"),
         ({**TURN, "turn_limit_cycle": True}, "WARNING    limit cycle: the turn command oscillates"),
         ({**TURN, "gain_share": 0.7}, "WARNING    limit cycle in flight: the gains were reduced to 70 %"),
-        ({"place": PLACE}, "target     47.5000000 8.2500000 +-1.4 m, height not observable"),
-        ({"place": PLACE | {"moves": True, "altitude_m": 7.0}}, ", moves 2.0 m/s towards 045 deg, altitude 7.0 m"),
-        ({"gps_watch": [{"time_s": 61.2, "text": "off"}]}, "WARNING    GPS watch, 61 s: off"),
-        ({"handback": {"sent": 3, "accepted": 2, "ended": "done"}}, "3 positions sent, 2 accepted; done"),
+        ({"notes": ["  target     found", "  WARNING    lost"]}, "1200 sent\n  target     found\n  WARNING    lost\n"),
         ({"circles": [{**FIGURES, "desired_radius_m": 80.0, "begun_s": 2.0}, {}]}, "before     80 m, 2 s on: settled"),
         ({"circles": [{}], "circles_wanted_m": [100.0, 60.0]}, "WARNING    circle of 60 m not begun: the one before"),
     ],
@@ -69,7 +64,6 @@ def test_it_tells(changes: dict[str, Any], words: str) -> None:
         ({}, "WARNING"),
         ({"clock_speed": None, "turn_limit_cycle": False, **TURN}, "WARNING"),
         ({"turn_std_deg_s": 5.0, "turn_at_limit": None}, "at the limit"),
-        ({"handback": {"sent": 0}}, "hand-back"),
     ],
 )
 def test_it_keeps_silent_of(changes: dict[str, Any], words: str) -> None:

@@ -15,7 +15,7 @@ import click
 import pytest
 
 from circnav_mav.cli import circnav as cli
-from tests.cli.conftest import circnav, undrawn
+from tests.command_line import circnav, undrawn
 from tests.docs.test_pages import PAGES, ROOT
 from tests.process import PATIENCE, UNHURRIED, python, read_until, running
 from tests.process import circnav as process_of
@@ -26,6 +26,7 @@ ELSEWHERE = {"tutorial-pilot.md", "tutorial-researcher.md", "tutorial-integrator
 """Pages whose commands test_commands.py runs, as they stand there."""
 NOT_RUN = {
     r"python3 -m venv": ".ci/run installs the wheel in an empty folder, and runs the tests by that very line",
+    r"\. \.venv/bin/activate": "the same",
     r"pip install": "the same; the driver of radios.md: test_commands.py",
     r"sudo ": "changes the computer",
     r"plotjuggler ": "opens a window; its layout: test_pages.py",
@@ -37,8 +38,8 @@ NOT_RUN = {
     r"circnav (preflight|fly) (?!quickstart).*--endpoint": "a vehicle; on ports: tests/flight/test_process.py",
     r"circnav ranging watch \w+:/dev/": "a radio on a serial line; test_commands.py has one",
     r"circnav campaign .*--scheduler": "a cluster; tests/extras/campaign/test_execution.py has a small one",
-    r"circnav locate (runs/|flight.tlog)": "an earlier flight; tests/extras/locate/test_locate_command.py",
-    r"circnav bench": "half an hour; cells of it: tests/cli/test_commands.py and tutorial-researcher.md",
+    r"circnav locate (runs/|flight\.|ranges\.csv)": "an earlier flight; tests/extras/locate/test_logs.py",
+    r"circnav bench": "half an hour; cells of it: tests/extras/bench/test_command.py and tutorial-researcher.md",
 }
 SHORTER = {"fly": "--duration 3", "campaign": "--runs 2 --processes 1", "watch": "--seconds 1"}
 
@@ -108,7 +109,7 @@ def test_a_printed_command_that_is_not_run_here_has_the_words_that_its_program_t
     if command.startswith("circnav"):
         named, rest = cli, shlex.split(command)[1:]
         while isinstance(named, click.Group):
-            named, rest = named.commands[rest[0]], rest[1:]
+            named, rest = named.get_command(click.Context(named), rest[0]), rest[1:]
         named.make_context(named.name, rest)
     elif (program := re.match(r"python (-m )?[\w./]+", command)) and "--" in command:
         told = helped(program[0])

@@ -5,14 +5,11 @@ import json
 import signal
 import subprocess
 import sys
-from math import hypot
 from pathlib import Path
 
 import pytest
-from circnav_sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG
 from pymavlink import mavutil
 
-from circnav_mav.extras.locate.place import Plane
 from circnav_mav.mission.load import parse_mission
 from circnav_mav.pilot import Pilot
 from circnav_mav.runlog.loop_steps import recorded_steps
@@ -25,8 +22,7 @@ from tests.process import PATIENCE, QUICKSTART, circnav, read_until
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """A quickstart flight of 72 s: its run folder and what it printed."""
     folder = tmp_path_factory.mktemp("run") / "out"
-    process = circnav("fly", QUICKSTART, "--duration", "72", "--out", str(folder), "--set", "locate.enabled=true",
-                      "--set", "locate.beacon=true")  # fmt: skip
+    process = circnav("fly", QUICKSTART, "--duration", "72", "--out", str(folder))
     printed, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors) == (0, "")
     return folder, printed
@@ -63,22 +59,6 @@ def test_run_folder_holds_everything_and_is_replayed_byte_for_byte(run: tuple[Pa
     assert done.identical
     assert len(done.was_setpoints) > 1000
     assert done.frames > 1000
-
-
-def test_the_target_was_surveyed_beside_the_flight(run: tuple[Path, str]) -> None:
-    """The emulator's target is where its home is, unless its file says otherwise."""
-    summary = json.loads((run[0] / "summary.json").read_text())
-    place = Plane(HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG).to_metres(
-        summary["place"]["latitude_deg"], summary["place"]["longitude_deg"]
-    )
-    assert hypot(*place) < 4 * summary["place"]["sigma_m"] and summary["place"]["sigma_m"] < 5
-    assert summary["gps_watch"] == [] and "  target  " in run[1]
-    assert {"target.geojson", "target.kml", "target.png"} <= {path.name for path in run[0].iterdir()}
-    located = circnav("locate", run[0]).communicate(timeout=PATIENCE)[0]
-    assert "sensor 0 of 1/192: " in located and "beacon" not in located, "what it said itself is another target"
-    log = mavutil.mavlink_connection(str(run[0] / "flight.tlog"))
-    circle = log.recv_match(type="ORBIT_EXECUTION_STATUS")
-    assert circle.get_srcComponent() == 194 and circle.radius == 100.0
 
 
 def test_tlog_opens_in_the_standard_reader_with_both_directions(run: tuple[Path, str]) -> None:

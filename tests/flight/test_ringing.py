@@ -17,7 +17,7 @@ from circnav_mav.guidance.side_slip import SideSlip
 from circnav_mav.guidance.step import Inputs, StepSettings
 from circnav_mav.guidance.types import RelativeMotion
 from circnav_mav.guidance.vector_field import field_heading
-from tests.flight.lockstep import Flight, clockwise_turns, flight, rms_error
+from tests.flight.lockstep import Flight, clockwise_turns, flight, last_third, rms_error, true_radius, unrest
 
 RADIUS, SPEED = {"arduplane": 150.0, "arducopter": 30.0}, {"arduplane": 22.0, "arducopter": 5.0}
 APPROACH = 50.0
@@ -116,3 +116,25 @@ def test_a_command_that_swings_is_said_and_answered_by_lower_gains_until_it_stop
     assert sd < 5.0
     assert turns > 1.9
     assert any(b"limit cycle" in data for _, data in flown.sent)
+
+
+TIGHT = ("orbit.radius_m=60.0", "vehicle.speed_mps=15.0", "sim.vehicle.cruise_speed_mps=15.0", "sim.wind.speed_mps=5.0")
+RINGING = {  # mission, overrides, when it swings at the latest (s), quiet (deg/s), radius error (shares)
+    "rover, steering badly tuned": ("ardurover", (), 4.0, 0.1, 20.0, 2.0, 0.1),
+    "copter, yaw badly tuned": ("arducopter", (), 4.0, 0.08, 25.0, 4.0, 0.1),
+    "plane, roll rings on a tight circle in wind": ("arduplane", TIGHT, 4.4, 0.05, 45.0, 11.0, 0.15),
+}
+
+
+@pytest.mark.parametrize("name", RINGING)
+def test_a_vehicle_whose_own_loop_rings_is_found_and_flown_with_lower_gains(name: str) -> None:
+    """Until then it swings by 45 deg/s, or at 0.7 Hz between -4 and 48 deg of bank. The plane's turn itself is 18 deg/s
+    on average and 10 to 32 round a lap."""
+    mission, overrides, frequency, damping, at, quiet, off = RINGING[name]
+    loop = (f"sim.vehicle.turn_frequency_rad_s={frequency}", f"sim.vehicle.turn_damping={damping}")
+    flown = flight(mission, *overrides, *loop, "limits.duration_s=100.0", law="auto").fly(130)
+    said = [time for time, data in flown.sent if b"limit cycle, gains reduced to 70 %" in data]
+    assert said[0] < at
+    assert unrest(flown) < quiet
+    radius = flown.pilot.settings.orbit.radius
+    assert max(abs(true_radius(truth) / radius - 1) for truth in last_third(flown)) < off

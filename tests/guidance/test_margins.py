@@ -16,6 +16,7 @@ from itertools import product
 import numpy as np
 import pytest
 
+from circnav_mav.guidance.margin import MOST_SENSITIVITY, drift_with_margin, radius_with_margin, sensitivity
 from circnav_mav.guidance.turn_response import ResponseLearner
 from circnav_mav.guidance.vector_field import drift_gains
 
@@ -117,3 +118,25 @@ def test_a_vehicle_that_only_circles_teaches_nothing_of_its_delay():
         learner.feel(0.04 * i, 0.15 * 0.04 * i, 0.0)
     assert not learner.response(0.0).learnt
     assert learner.response(0.0).delay == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("delay", [0.3, 0.5, 1.0])
+def test_the_margin_that_check_computes_is_that_of_this_loop_on_a_large_circle(delay):
+    """By the law's own code, linearized numerically; here by its equations."""
+    worst = 0.0
+    for known, share, damping in product((0.8, 1.0, 1.2), (0.3, 0.7), (None, 0.3, 0.6)):
+        dead, lag = share * delay, (1 - share) * delay
+        kind, a = ("first", lag) if damping is None else ("second", 2 * damping / lag)
+        transfer, _, settles = answer(kind, a, damping or 0.0)
+        L = loop(transfer * np.exp(-S * (dead + LINK)), (dead + LINK) * known, lag * known, settles)
+        worst = max(worst, float(np.abs(1 / (1 + L)).max()))
+    assert sensitivity(V, 100_000.0, 0.0, delay, 0.0, 0.6) == pytest.approx(worst, rel=0.02)
+
+
+def test_a_small_circle_has_less_margin_and_wind_takes_more_of_it():
+    tight = [sensitivity(15.0, 60.0, W, 0.5, 0.0, 0.65) for W in (0.0, 2.5, 5.0)]
+    assert tight == sorted(tight)
+    assert tight[0] < MOST_SENSITIVITY < tight[2]
+    assert sensitivity(15.0, 200.0, 5.0, 0.5, 0.0, 0.65) < MOST_SENSITIVITY
+    assert drift_with_margin(15.0, 60.0, 5.0, 0.5, 0.0, 0.65) == pytest.approx(2.7, abs=0.3)
+    assert radius_with_margin(15.0, 60.0, 5.0, 0.5, 0.0, 0.65) < 75.0

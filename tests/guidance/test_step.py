@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from circnav_mav.guidance.laws import pi as pi_law
 from circnav_mav.guidance.maths import chord
-from circnav_mav.guidance.step import LawChoice, compensate_turn_gain, holding, limited, steering
+from circnav_mav.guidance.step import LawChoice, Steering, compensate_turn_gain, holding, limited
 from circnav_mav.guidance.turn_response import Pending
 from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate
 from circnav_mav.guidance.vector_field import drift, drift_gains
@@ -38,14 +38,14 @@ def estimate(r, r_dot=0.0, time=0.0, relative=None):
 def test_the_papers_laws_turn_at_v_over_r_on_the_radius_they_settle_on_in_the_missions_sense(choice, r, demanded):
     """Counter-clockwise is positive in the paper's frame."""
     other = Orbit(PAPER.radius, Direction.COUNTERCLOCKWISE, PAPER.speed, PAPER.max_turn_rate)
-    assert steering(PAPER, choice)(estimate(r)).demanded == pytest.approx(demanded, rel=1e-8)
-    assert steering(other, choice)(estimate(r)).demanded == pytest.approx(-demanded, rel=1e-8)
+    assert Steering(PAPER, choice)(estimate(r)).demanded == pytest.approx(demanded, rel=1e-8)
+    assert Steering(other, choice)(estimate(r)).demanded == pytest.approx(-demanded, rel=1e-8)
 
 
 @pytest.mark.parametrize("gain", [0.005, 0.0025, -0.005])
 def test_a_gain_without_a_correction_is_refused_at_once(gain):
     with pytest.raises(ValueError, match=r"must be above 1/\(2 r_d\^2\) = 0\.005"):
-        steering(PAPER, LawChoice("smooth", gain))
+        Steering(PAPER, LawChoice("smooth", gain))
 
 
 @given(
@@ -69,14 +69,14 @@ def test_the_limit_cuts_what_is_beyond_it_and_a_vehicle_that_turns_less_than_it_
 
 def test_the_vehicles_limit_is_applied_after_the_law():
     """Law 1 is unsaturated: 200 m out, flying across, it asks for 40 times the limit."""
-    command = steering(Orbit(10.0, Direction.CLOCKWISE, 1.0, 0.1), LawChoice("smooth", 0.01))(estimate(200.0))
+    command = Steering(Orbit(10.0, Direction.CLOCKWISE, 1.0, 0.1), LawChoice("smooth", 0.01))(estimate(200.0))
     assert (command.turn_rate, command.saturated) == (-0.1, True)
     assert command.demanded == pytest.approx(-4.0, rel=0.01)
 
 
 def test_a_command_just_below_the_limit_counts_as_cut_by_it():
     """Handing over, the offset between two laws fades and is never quite nothing."""
-    steer = steering(ORBIT, LawChoice("auto", 0.06))
+    steer = Steering(ORBIT, LawChoice("auto", 0.06))
     assert not any(steer(estimate(100.0, 0.0, 0.05 * i)).saturated for i in range(5))
     close = known(x=20.0, heading=pi)
     last = [steer(estimate(20.0, -15.0, 0.25 + 0.05 * i, close)) for i in range(60)][-1]
@@ -90,7 +90,7 @@ def test_the_law_with_a_memory_integrates_over_the_time_between_estimates_and_no
     """The first has none before it, a gap counts half a second, and an estimate of before nothing. k < 0 flies
     counter-clockwise."""
     gain, memory = 0.06, 0.0
-    steer = steering(Orbit(R_D, direction, V, LIMIT), LawChoice("pi", gain))
+    steer = Steering(Orbit(R_D, direction, V, LIMIT), LawChoice("pi", gain))
     for time, dt, r, trim in (
         (5.0, 0.0, 140.0, 0.0), (5.1, 0.1, 138.0, 0.0), (65.0, 0.5, 120.0, 3.0), (64.0, 0.0, 121.0, 0.0)
     ):  # fmt: skip
@@ -102,7 +102,7 @@ def test_the_law_with_a_memory_integrates_over_the_time_between_estimates_and_no
 
 
 def test_a_gap_between_estimates_is_no_patience_with_a_search():
-    steer = steering(ORBIT, LawChoice("auto", 0.02))
+    steer = Steering(ORBIT, LawChoice("auto", 0.02))
     flown = [
         steer(estimate(300.0, -15.0, time, guessed(x=300.0, heading=pi))).flies for time in (0.0, 60.0, 60.4, 60.6)
     ]
@@ -110,7 +110,7 @@ def test_a_gap_between_estimates_is_no_patience_with_a_search():
 
 
 def test_auto_says_who_flies_and_why_and_needs_no_heading_and_the_law_drift_tries_no_guesses():
-    auto, feedforward, drift = (steering(ORBIT, LawChoice(name, 0.06)) for name in ("auto", "feedforward", "drift"))
+    auto, feedforward, drift = (Steering(ORBIT, LawChoice(name, 0.06)) for name in ("auto", "feedforward", "drift"))
     command = auto(estimate(150.0, -3.0))
     assert command.turn_rate == feedforward(estimate(150.0, -3.0)).turn_rate < 0
     assert (command.flies, bool(command.why)) == ("feedforward", True)
@@ -132,7 +132,7 @@ def test_auto_says_who_flies_and_why_and_needs_no_heading_and_the_law_drift_trie
     ],
 )
 def test_no_guess_is_tried_on_the_circle_while_the_drift_is_known_from_before(r, r_dot, remembered, flies):
-    steer, guess = steering(ORBIT, LawChoice("auto", 0.06)), guessed(x=r, drift_remembered=remembered)
+    steer, guess = Steering(ORBIT, LawChoice("auto", 0.06)), guessed(x=r, drift_remembered=remembered)
     flown = [steer(estimate(r, r_dot, t, guess)).flies for t in np.arange(0.0, 15.0, 0.5)]
     assert flown[4] == flown[19] == flies  # at 2 s and at 9.5 s
     assert flown[-1] == "trial"
@@ -140,7 +140,7 @@ def test_no_guess_is_tried_on_the_circle_while_the_drift_is_known_from_before(r,
 
 def test_the_law_flies_with_the_gains_for_the_answer_that_it_is_told():
     at = known(x=130.0, y=20.0, drift_x=1.0, drift_y=-2.0, heading=1.2, turn_rate=0.1)
-    steer = steering(Orbit(R_D, Direction.COUNTERCLOCKWISE, V, LIMIT), LawChoice("auto", 0.06, lag=0.5))
+    steer = Steering(Orbit(R_D, Direction.COUNTERCLOCKWISE, V, LIMIT), LawChoice("auto", 0.06, lag=0.5))
     for time, pending in enumerate((Pending(0.0, 0.5), Pending(0.1, 0.9, 1.2), Pending(-0.1, 0.3))):
         gains = drift_gains(V, pending.ahead, pending.settles, 0.7)
         wanted = drift((130.0, 20.0), (1.0, -2.0), 1.2, pending, V=V, r_d=R_D, max_turn_rate=LIMIT, gains=gains)
@@ -153,7 +153,7 @@ def test_a_drift_that_swings_once_a_second_moves_the_turn_less_than_half_as_far_
     orbit = Orbit(radius=150.0, direction=Direction.COUNTERCLOCKWISE, speed=22.0, max_turn_rate=0.44)
 
     def swing(frequency: float) -> float:
-        steer, turns = steering(orbit, LawChoice("auto", 0.01)), []
+        steer, turns = Steering(orbit, LawChoice("auto", 0.01)), []
         for tick in range(round(3 / frequency / 0.05)):
             blows = np.cos(2 * pi * frequency * tick * 0.05)
             here = known(x=150.0, drift_x=blows, heading=pi / 2, turn_rate=22.0 / 150.0, airspeed=22.0)

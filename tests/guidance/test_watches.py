@@ -1,11 +1,11 @@
-"""What watches a flight: a drift that the circle does not allow, and a turn command that swings from limit to limit."""
+"""What watches a flight: a drift that the circle does not allow."""
 
-from math import pi, sin, sqrt
+from math import sqrt
 
 import pytest
 
 from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate
-from circnav_mav.guidance.watches import CommandWatch, DriftAlarm, watch_drift
+from circnav_mav.guidance.watches import DriftAlarm, watch_drift
 from tests.guidance.relative import known
 
 V, R, LIMIT = 15.0, 100.0, 0.35
@@ -45,42 +45,3 @@ def test_a_gust_raises_nothing_a_lull_does_not_end_it_and_what_is_not_trusted_ch
 def test_its_words_fit_a_statustext_with_our_name():
     assert after([ALLOWED + 2] * 40).text == "drift 9.9 m/s, this circle allows 7.9"
     assert len("circnav: " + DriftAlarm(drift=99.9, allowed=99.9).text) <= 50
-
-
-def watched(command, seconds=60.0):
-    """After a command given in units of the limit as a function of time, cut to it."""
-    watch = CommandWatch()
-    for i in range(round(seconds / 0.05)):
-        watch = watch.watch(0.05 * i, LIMIT * min(max(command(0.05 * i), -1.0), 1.0), LIMIT)
-    return watch
-
-
-@pytest.mark.parametrize("period", [1.0, 2.5, 4.6])  # as seen on firmware
-def test_a_command_that_swings_between_its_limits_is_a_cycle_and_lowers_the_gains_but_not_without_end(period):
-    watch = watched(lambda t: 0.4 + 1.3 * sin(2 * pi * t / period))
-    assert watch.cycles >= 1 and watch.share < 1
-    assert watched(lambda t: 2 * sin(2 * pi * t / period), 1000.0).share == 0.3
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        lambda t: 0.3 + 0.2 * sin(2 * pi * t / 40),
-        lambda t: 0.3 + 0.3 * sin(2 * pi * t / 1.5),
-        lambda t: 0.7 * sin(2 * pi * t / 6),
-        lambda t: 0.3 if t > 16 else 1.0 if t // 2.5 % 2 == 0 else -1.0,
-    ],
-    ids=[
-        "the circle in wind",
-        "restless, but far from the limits",
-        "the weave of a search",
-        "an approach, six times to and fro",
-    ],
-)
-def test_what_a_flight_needs_is_no_cycle(command):
-    assert watched(command).share == 1.0
-
-
-def test_a_cycle_that_stops_lowers_the_gains_no_further():
-    shares = [watched(lambda t: 1.3 * sin(2 * pi * t) if t < 8 else 0.3, seconds).share for seconds in (30.0, 300.0)]
-    assert shares[0] == shares[1] < 1.0

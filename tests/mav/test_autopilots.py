@@ -17,7 +17,7 @@ from circnav_mav.mav.codec import Encoder
 from circnav_mav.mav.frames import yaw_rate_from_turn_rate
 from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.setpoint_guard import Steer
-from tests.rig import ORBIT, Rig, Voice, decode, x25
+from tests.rig import ORBIT, Rig, Voice, decode, heartbeat, x25
 
 US, VEHICLE_IDS = (7, 191), (7, 1)
 SPEED, TURN = 10.0, 0.2  # m/s; rad/s, left positive
@@ -225,3 +225,10 @@ def test_an_airspeed_at_the_bound_of_what_can_be_does_not_make_the_thrust_step_e
     assert thrust(bound) == believed[bound]
     assert [thrust(V) for V in (outside, bound, within, outside, None, within)] == [0.63] * 6
     assert [thrust(again), thrust(bound)] == [believed[again], believed[bound]]
+
+
+@pytest.mark.parametrize("kind", [35, 43], ids=["decarotor", "generic multirotor"])
+def test_a_multirotor_of_a_rare_kind_is_flown_as_a_copter(kind: int) -> None:
+    rig = Rig()
+    rig.hear(heartbeat(kind=kind))
+    assert (rig.pilot.session.up, rig.pilot.session.adapter.name) == (True, "ardupilot copter")

@@ -4,13 +4,13 @@ rates: asked for, measured, asked for again."""
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.mav.commands import Command, CommandSender, StreamRequests
+from circnav_mav.mav.commands import Command, CommandResult, CommandSender, StreamRequests
 from tests.rig import Voice
 
 US, TARGET = (1, 191), (1, 1)
 SET_MODE, SET_INTERVAL = 176, 511
 GUIDED = Command(SET_MODE, (1.0, 4.0))
-ACCEPTED, IN_PROGRESS = 0, 5
+ACCEPTED, DENIED, UNSUPPORTED, IN_PROGRESS = 0, 2, 3, 5
 
 
 VEHICLE = Voice()
@@ -167,8 +167,20 @@ def test_streams_are_asked_for_in_microseconds_measured_and_below_half_their_rat
     assert asked(streams.give_back()) == [(ATTITUDE, 0), (TIME, 0)], "an interval of zero is the vehicle's own"
 
 
+def test_a_vehicle_that_does_not_know_the_request_is_asked_by_the_older_one_until_the_streams_flow(streams):
+    for request in streams.poll(0.0):
+        streams.denied(CommandResult(request, UNSUPPORTED))
+    (one, two) = streams.group_requests((1, 1), 0.1)
+    assert [(m.req_stream_id, m.req_message_rate, m.start_stop) for m in (one, two)] == [(10, 10, 1), (12, 1, 1)]
+    assert streams.group_requests((1, 1), 2.0) == [], "once in a while is enough"
+    assert streams.refused == ["ATTITUDE", "SYSTEM_TIME"] and streams.by_group
+    hear(streams, 3.1)
+    assert streams.poll(3.1) == []
+    assert streams.group_requests((1, 1), 6.2) == [] and streams.refused == []
+
+
 def test_a_denied_stream_is_not_asked_for_again_before_a_restart_after_which_all_begins_anew(streams):
-    streams.denied(streams.poll(0.0)[0])
+    streams.denied(CommandResult(streams.poll(0.0)[0], DENIED))
     assert streams.refused == ["ATTITUDE"]
     for check in range(1, 5):
         assert asked(streams.poll(3.0 * check)) == [(TIME, 1_000_000)]

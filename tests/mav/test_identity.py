@@ -50,48 +50,121 @@ def test_a_stranger_heard_while_our_vehicle_is_silent_is_not_spoken_to(rig, vers
     assert rig.pilot.session.reply_to == "vehicle"
 
 
-def test_a_vehicle_of_another_kind_that_comes_back_under_our_ids_is_not_ours(make_rig):
+@pytest.mark.parametrize("source", ["vehicle", "elsewhere"])
+def test_a_vehicle_of_another_kind_that_comes_back_under_our_ids_is_not_ours(make_rig, source):
     rig = make_rig(kind=None).engage()
-    rig.run(4.0, speaks=False)
+    rig.run(4.0, speaks=False, ranges=False)
     since = rig.now
     for _ in range(40):
-        rig.hear(heartbeat(PLANE_GUIDED, kind=1), source="elsewhere")
-        rig.hear(vfr_hud(100.0), source="elsewhere")
+        rig.hear(heartbeat(PLANE_GUIDED, kind=1), source=source)
+        rig.hear(vfr_hud(100.0), source=source)
         rig.run(0.2)
     assert rig.setpoints(since) + rig.of("SET_ATTITUDE_TARGET", since) == []
-    assert "not the vehicle heard first" in " ".join(rig.pilot.session.misfits.values())
+    assert rig.pilot.session.reply_to == "vehicle"
+    reasons = [*rig.pilot.session.misfits.values(), *rig.pilot.session.identity.rivals.recent(rig.now)]
+    assert ("not the vehicle heard first" if source == "vehicle" else "has a second sender") in " ".join(reasons)
+
+
+# --- other addresses: the vehicle's own stays while anything of it comes from there, and afterwards a proof counts
+
+
+@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("seconds", [0.0, 2.0, 5.0], ids=["", "mode not reported for 2 s", "for 5 s"])
+@pytest.mark.parametrize("alive", [True, False], ids=["ranges go on", "all silent"])
+def test_a_heartbeat_that_is_not_accepted_never_changes_the_address_that_setpoints_go_to(
+    flying, version, seconds, alive
+):
+    """CURRENT_MODE is the first message of the vehicle that arrives afterwards, as PX4 may send it."""
+    rig, stranger = flying, Voice(1, 1, version=version)
+    rig.run(seconds, speaks=False, ranges=alive)
+    rig.hear(heartbeat(GUIDED), voice=stranger, source="elsewhere")
+    assert rig.pilot.session.reply_to == "vehicle"
+    rig.hear(mavlink.MAVLink_current_mode_message(0, GUIDED, GUIDED))
+    rig.run(1.0, speaks=True, ranges=True).hear(boot_time(1000.0 + rig.now))
+    since = rig.now
+    rig.run(1.0)
+    assert rig.pilot.session.reply_to == "vehicle"
+    assert len(rig.setpoints(since)) >= 15
+
+
+SIGNS_OF_LIFE = {
+    "attitude": lambda rig: rig.hear(attitude(round(1000 * (1000 + rig.now)))),
+    "VFR_HUD": lambda rig: rig.hear(vfr_hud(50.0)),
+    "the autopilot's range": lambda rig: rig.range(),
+    "a forwarded range": lambda rig: rig.range(voice=Voice(1, 192)),
+}
+
+
+@pytest.mark.parametrize("seconds", [1.8, 4.0], ids=["two heartbeats lost", "link lost"])
+@pytest.mark.parametrize("sign", SIGNS_OF_LIFE.values(), ids=SIGNS_OF_LIFE.keys())
+def test_no_other_address_replaces_one_that_still_sends_anything_of_the_vehicle(flying, sign, seconds):
+    """The other sender uses its ids and has the right time since boot: it listens."""
+    rig, twin = flying, Voice(1, 1)
+    rig.now_is(speaks=False, ranges=False)
+    for i in range(round(seconds / 0.05)):
+        sign(rig)
+        rig.run(0.05)
+        if i % 4 == 0 and i > 20:
+            rig.hear(boot_time(1000.0 + rig.now), voice=twin, source="elsewhere")
+            rig.hear(heartbeat(GUIDED), voice=twin, source="elsewhere")
+        assert rig.pilot.session.reply_to == "vehicle"
+    assert rig.pilot.session.identity.rivals.recent(rig.now)
+    rig.hear(boot_time(1000.0 + rig.now))
+    rig.run(1.0, speaks=True, ranges=True)
+    rig.hear(boot_time(1000.0 + rig.now))
+    since = rig.now
+    assert len(rig.run(1.0).setpoints(since)) >= 15
+
+
+def test_before_the_flight_neither_and_a_vehicle_that_was_switched_off_may_come_back_from_anywhere(rig):
+    rig.run(1.0, mode=LOITER).hear(boot_time(1000.0))
+    for seconds, alive, address in ((5.0, True, "vehicle"), (5.0, False, "elsewhere")):
+        rig.run(seconds, speaks=False, ranges=alive).hear(heartbeat(LOITER), source="elsewhere")
+        assert rig.pilot.session.reply_to == address
+    rig.hear(boot_time(3.0), source="elsewhere")
+    rig.hear(boot_time(3.1), source="elsewhere")
+    rig.run(4.0, source="elsewhere", mode=GUIDED, speaks=True, ranges=True)
+    assert rig.pilot.mission.phase is Phase.ENGAGED
 
 
 @pytest.mark.parametrize("seconds", [2.0, 5.0])
-@pytest.mark.parametrize("offset", [5000.0, 30.0, -30.0])
-def test_another_vehicle_that_has_the_ids_of_ours_by_default_is_not_steered_when_ours_falls_silent(
+@pytest.mark.parametrize("offset", [5000.0, 30.0, -30.0, None], ids=["+5000", "+30", "-30", "the time reported last"])
+def test_another_vehicle_that_has_the_ids_of_ours_by_default_takes_no_place_of_ours_which_is_flown_on_when_it_is_back(
     flying, offset, seconds
 ):
-    """Its heartbeats name GUIDED, too: only its time tells that it is another one."""
-    rig, twin = flying, Voice(1, 1)
-    rig.run(seconds, speaks=False)
+    """Its heartbeats name GUIDED, too: only its time since boot shows that it is another one."""
+    rig, twin, last = flying, Voice(1, 1), 1000.0 + flying.now
+    rig.run(seconds, speaks=False, ranges=False)
     since = rig.now
     for i in range(100):
         if i % 5 == 0:
             rig.hear(heartbeat(GUIDED), voice=twin, source="elsewhere")
         if i % 20 == 15:
-            rig.hear(boot_time(1000.0 + rig.now + offset), voice=twin, source="elsewhere")
+            stamp = last if offset is None else 1000.0 + rig.now + offset
+            rig.hear(boot_time(stamp), voice=twin, source="elsewhere")
         rig.run(0.05)
-    assert rig.setpoints(since) == []
-    assert rig.pilot.mission.outcome.reason == "taken over, autopilot rebooted"
+    assert (rig.setpoints(since + 1.5), rig.pilot.session.reply_to) == ([], "vehicle")
+    assert "its time since boot" in rig.pilot.status.waits_for(rig.now)
+    rig.run(0.5, speaks=True, ranges=True).hear(boot_time(1000.0 + rig.now))
+    since = rig.run(1.5).now
+    rig.run(1.0)
+    assert rig.pilot.mission.phase is Phase.ENGAGED
+    assert len(rig.setpoints(since)) >= 15
 
 
 @pytest.mark.parametrize("source", ["vehicle", "elsewhere"])
 @pytest.mark.parametrize("seconds", [2.0, 5.0])
 def test_our_own_vehicle_goes_on_being_ours_after_a_silence_as_soon_as_its_time_is_heard(flying, source, seconds):
     rig = flying
-    outage(rig, seconds)
-    rig.run(1.0, source=source)
-    since = rig.now
+    rig.run(seconds, speaks=False, ranges=False)
+    rig.run(1.0, source=source, speaks=True, ranges=True)
     rig.hear(boot_time(1000.0 + rig.now - 0.3))
+    rig.run(0.5).hear(boot_time(1000.0 + rig.now - 0.3))
+    since = rig.run(1.0).now
     rig.run(1.0)
-    assert rig.pilot.mission.phase is Phase.ENGAGED
+    assert (rig.pilot.mission.phase, rig.pilot.session.reply_to) == (Phase.ENGAGED, source)
     assert len(rig.setpoints(since)) >= 15
+    assert rig.pilot.session.vehicle.reboots == 0
 
 
 def test_a_pause_in_its_heartbeats_alone_does_not_make_our_vehicle_doubtful(flying):
@@ -101,28 +174,33 @@ def test_a_pause_in_its_heartbeats_alone_does_not_make_our_vehicle_doubtful(flyi
     assert len(flying.run(1.0).setpoints(since)) >= 15
 
 
-def test_a_vehicle_that_has_moved_and_never_tells_its_time_is_waited_for_as_for_a_lost_one(make_rig):
+@pytest.mark.parametrize("source", ["vehicle", "elsewhere"])
+def test_a_vehicle_that_never_tells_its_time_after_a_silence_is_waited_for_as_for_a_lost_one(make_rig, source):
     rig = make_rig(timing=timing(outage=20.0)).engage()
     rig.hear(boot_time(1000.0 + rig.now))
-    outage(rig, 2.0)
-    rig.run(0.25, source="elsewhere")
+    rig.run(5.0, speaks=False, ranges=False)
+    rig.run(0.25, source=source, speaks=True, ranges=True)
     since = rig.now
     rig.run(1.0)
     assert rig.pilot.mission.phase is Phase.WAIT_LINK
-    assert "not known whether this is the same vehicle" in rig.pilot.status.waits_for(rig.now)
-    assert mavlink.MAVLINK_MSG_ID_SYSTEM_TIME in [message.param1 for message in rig.commands(512, since - 0.1)]
+    waits = {"vehicle": "not known whether this is the same vehicle", "elsewhere": "its time since boot"}
+    assert waits[source] in rig.pilot.status.waits_for(rig.now)
     rig.run(21.0)
+    asked = [message.param1 for message in rig.commands(512, since)]
+    assert (mavlink.MAVLINK_MSG_ID_SYSTEM_TIME in asked) is (source == "vehicle")
     assert rig.pilot.mission.outcome.reason == "no vehicle or no ranging for 20 s"
     assert rig.setpoints(since) == []
 
 
 def test_last_words_that_could_not_be_said_are_told_of(make_rig):
+    """The vehicle has moved, and has proven it by one message; another one must confirm it."""
     rig = make_rig(exit="brake").engage()
     rig.hear(boot_time(1000.0 + rig.now))
-    outage(rig, 2.0)
+    rig.run(2.0, speaks=False, ranges=False)
     rig.pilot.interrupt(rig.now, "SIGTERM")
-    rig.step()
-    rig.run(1.0, source="elsewhere")
+    rig.hear(boot_time(1000.0 + rig.now), source="elsewhere")
+    rig.run(1.0, source="elsewhere", speaks=True)
+    assert rig.pilot.session.reply_to == "elsewhere"
     assert rig.pilot.last_words(rig.now) == b"", "not after an error of ours either"
     rig.run(13.0)
     assert rig.pilot.mission.phase is Phase.ENDED
@@ -302,3 +380,26 @@ def test_where_two_speak_as_the_vehicle_neither_is_engaged_until_one_is_silent(r
     assert "the vehicle has a second sender: 1/1 at vehicle is rejected" in rig.pilot.status.waits_for(rig.now)
     assert rig.pilot.status.waits_for(rig.now).endswith("name yours with link.peer, or sign")
     assert rig.setpoints() == []
+
+
+# --- another circnav that is not received here ---
+
+
+def test_answers_to_commands_in_our_name_that_nothing_of_ours_asked_for_are_alarmed(rig):
+    """Each command of ours is answered once, a change of mode twice, and some answers come by two ways."""
+    for message in rig.engage().of("COMMAND_LONG"):
+        answer = rig.vehicle.say(mavlink.MAVLink_command_ack_message(message.command, 0, 0, 0, 1, 191))
+        for _ in range(2):
+            rig.pilot.receive(answer, rig.now, rig.source)
+    rig.run(1.0)
+    assert rig.pilot.second_controller(rig.now) == ""
+    for target, shown in (((255, 190), False), ((1, 193), False), ((0, 0), False), ((1, 191), True)):
+        for _ in range(2):
+            rig.hear(mavlink.MAVLink_command_ack_message(511, 0, 0, 0, *target))
+        assert bool(rig.pilot.second_controller(rig.now)) is shown
+    rig.run(11.0)
+    assert rig.pilot.second_controller(rig.now) == ""
+    assert [text for text in rig.texts() if "another program" in text] == [
+        "circnav: another program steers, too",
+        "circnav: another program no longer steers",
+    ]

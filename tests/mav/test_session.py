@@ -78,18 +78,22 @@ def test_a_second_vehicle_and_strangers_of_its_ids_are_counted_and_move_nothing(
     assert list(session.texts) == []
 
 
-def test_our_vehicle_may_come_back_from_another_address_once_it_was_silent_and_no_other_vehicle_may(line):
+def test_our_vehicle_may_come_back_from_another_address_with_its_time_since_boot_and_no_other_vehicle_may(line):
     here = line()
     here.beat(now=0.0, source="port 1")
     here.beat(now=1.4, source="port 2")
     assert here.session.reply_to == "port 1"
-    here.beat(now=1.6, source="port 2", mode=5)
+    here.hear(boot_time(100.0), now=1.45, source="port 1")
+    here.beat(now=3.0, source="port 2")
+    assert here.session.reply_to == "port 1"
+    here.hear(boot_time(101.6), now=3.05, source="port 2")
+    here.beat(now=3.1, source="port 2", mode=5)
     assert (here.session.reply_to, here.session.vehicle.mode) == ("port 2", 5)
     here.session.lose()
-    here.beat(now=2.0, voice=Voice(2, 1))
+    here.beat(now=5.0, voice=Voice(2, 1))
     assert not here.session.up
     assert "not the vehicle heard first, system 1" in here.session.misfits[2, 1]
-    here.beat(now=2.1, source="elsewhere")
+    here.beat(now=5.1, source="elsewhere")
     assert here.session.up
 
 

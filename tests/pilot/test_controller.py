@@ -28,15 +28,16 @@ class Vehicle:
         session.identity.peer = Sender(1, 1, "here")
         self.controller, self.now, self.heading = Controller(settings), 0.0, 0.0
         command = TurnCommand(COMMANDED, COMMANDED, saturated=False)
-        self.controller.setpoint(command, session, 0.0)
-        self.controller.commanded(command, 0.0)
+        _, sent = self.controller.setpoint(command, session, 0.0)
+        self.controller.commanded(sent, 0.0)
 
     def turns(self, seconds, rate):
         """Report the heading while it turns at a rate (rad/s); whether it was at speed at each report."""
         seen = []
         for _ in range(round(seconds / STEP)):
             self.now, self.heading = self.now + STEP, self.heading + rate * STEP
-            self.controller.on_motion(OwnMotion(self.now, self.heading, rate, 15.0))
+            own = OwnMotion(self.now, self.heading, rate, 15.0)
+            self.controller.on_motion(own, own)
             seen.append(self.controller.at_speed)
         return seen
 

@@ -41,7 +41,7 @@ def safe(rig: Rig, since: float) -> bool:
 def test_the_mode_is_requested_once_everything_is_ready_and_believed_from_the_heartbeat():
     rig = Rig(request_mode=True).run(3.0, mode=LOITER, ranges=False)
     assert rig.commands(SET_MODE) == [], "there is no ranging yet"
-    rig.run(1.0, ranges=True)
+    rig.run(1.5, ranges=True)
     first = rig.commands(SET_MODE)[0]
     assert (first.param1, first.param2) == (1, GUIDED)
     rig.acknowledge(SET_MODE)

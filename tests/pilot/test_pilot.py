@@ -98,22 +98,6 @@ def test_a_setpoint_is_answered_alone_and_all_else_that_is_due_follows_it(rig):
     assert {"HEARTBEAT", "TIMESYNC", "NAMED_VALUE_FLOAT"} <= followed - answered
 
 
-def test_the_filter_prepares_nothing_between_a_range_and_its_setpoint_whatever_else_comes_with_it(rig, monkeypatch):
-    """One datagram of a router holds a range and more; in a replay its frames come one by one."""
-    estimator, order = rig.engage().pilot.tracker.estimator, []
-    settle = estimator.settle
-    rig.pilot.take_records()
-    rig.pass_time(0.1)
-    rig.range()
-    monkeypatch.setattr(estimator, "settle", lambda: order.append("settled") or settle())
-    rig.heartbeat()
-    assert rig.pilot.answer(rig.now)
-    order.append("answered")
-    rig.pilot.follow_up(rig.now)
-    rig.pilot.take_records()
-    assert order == ["answered", "settled"]
-
-
 def test_a_setpoint_that_the_shell_held_back_is_neither_counted_nor_recorded_as_sent(rig):
     before = rig.engage().pilot.setpoints_sent
     rig.pilot.take_records()
@@ -134,7 +118,7 @@ def test_a_setpoint_that_the_shell_held_back_is_neither_counted_nor_recorded_as_
 def test_a_mission_waits_for_link_ranging_and_mode_in_this_order(rig):
     assert rig.run(1.0, speaks=False, ranges=False, mode=LOITER).pilot.mission.phase is Phase.WAIT_LINK
     assert rig.run(1.0, speaks=True).pilot.mission.phase is Phase.WAIT_RANGING
-    assert rig.run(1.0, ranges=True).pilot.mission.phase is Phase.READY
+    assert rig.run(1.5, ranges=True).pilot.mission.phase is Phase.READY
     assert rig.setpoints() == [] and rig.pilot.setpoints_sent == 0
     assert rig.run(1.0, mode=GUIDED).pilot.mission.phase is Phase.ENGAGED
     assert len(rig.setpoints()) == rig.pilot.setpoints_sent > 0
@@ -144,13 +128,20 @@ def test_the_first_setpoint_waits_for_five_ranges(rig):
     rig.run(1.0, ranges=False)
     for count in range(1, 6):
         rig.range()
-        rig.run(0.1)
+        rig.run(0.3)
         assert bool(rig.setpoints()) == (count == 5)
+
+
+def test_the_first_setpoint_waits_for_a_second_of_ranges_in_which_another_source_would_show(rig):
+    rig.run(1.0, ranges=False)
+    assert rig.run(1.0, ranges=True).setpoints() == []
+    assert rig.pilot.status.waits_for(rig.now) == "listening for a second range source"
+    assert rig.run(0.2).setpoints()
 
 
 def test_a_fresh_range_is_answered_by_the_very_next_step(rig):
     rig.engage()
-    rig.now += 0.031
+    rig.now += 0.041
     assert rig.step() == [], "nothing new and no tick due"
     rig.range()
     (setpoint,) = [message for message in rig.step() if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
@@ -193,7 +184,6 @@ def test_the_missions_slew_limit_holds_for_what_is_sent():
         (mavlink.MAVLink_local_position_ned_message(1, 1e4, -1e4, -30, 15, 0, 0), 3),
         (mavlink.MAVLink_gps_global_origin_message(473_000_000, 85_000_000, 0), 1),
         (mavlink.MAVLink_home_position_message(473_000_000, 85_000_000, 0, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0), 1),
-        (mavlink.MAVLink_position_target_local_ned_message(1, 8, 0x407, 1, 2, 3, 4, 5, 6, 7, 8, 9, 1, 1), 3),
         (
             mavlink.MAVLink_odometry_message(
                 1, 1, 8, 1e4, 1e4, -30, [1, 0, 0, 0], 15, 0, 0, 0, 0, 0.3, [0.0] * 21, [0.0] * 21
@@ -210,6 +200,14 @@ def test_false_positions_change_no_byte_of_the_output(message, count):
     honest, lied_to = Rig().engage(), Rig()
     lied_to.run(3.0, lambda: [lied_to.hear(message) for _ in range(count)])
     assert lied_to.raw == honest.raw
+
+
+def test_a_false_report_of_the_setpoint_flown_changes_no_setpoint_and_is_alarmed():
+    honest, lied_to = Rig().engage().run(5.0), Rig().engage()
+    report = mavlink.MAVLink_position_target_local_ned_message(1, 8, 0x407, 1, 2, 3, 4, 5, 6, 7, 8, 9, 1, 1)
+    lied_to.run(5.0, lambda: lied_to.hear(report))
+    assert list(map(str, lied_to.setpoints())) == list(map(str, honest.setpoints()))
+    assert "circnav: another program steers, too" in lied_to.texts()
 
 
 def test_without_fresh_ranges_the_prediction_is_flown_for_half_a_second_and_then_the_steady_turn(rig):
@@ -245,7 +243,7 @@ def holds(rig):
 
 def fails(rig):
     nonsense = TurnCommand(TurnRate(nan), TurnRate(nan), saturated=False)
-    rig.pilot.controller._circles.steer = lambda *arguments: nonsense
+    rig.pilot.controller._steer = lambda *arguments: nonsense
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from circnav_sim.config import parse_vehicle
+from circnav_sim.faults.frames import message_id
 from circnav_sim.vehicle import Vehicle
 from pymavlink.dialects.v20 import all as mavlink
 
@@ -22,12 +23,13 @@ from circnav_mav.mission.preflight import judge
 from circnav_mav.pilot import RANGING, VEHICLE
 from circnav_mav.pilot.survey import RangeHeard, Survey
 from tests.flight.signed import KEY, OTHER, key_file
-from tests.rig import Voice, heartbeat
+from tests.rig import Voice, beacon, heartbeat
 
 CONFIG = Path(__file__).parents[2] / "config"
 MISSIONS = ("arducopter", "arduplane", "ardurover", "px4_copter", "px4_plane", "px4_plane_attitude")
 HEARTBEAT, COMMAND_LONG, PARAM_REQUEST_READ, TIMESYNC = 0, 76, 20, 111
 SET_MESSAGE_INTERVAL, REQUEST_MESSAGE = 511, 512
+ATTITUDE, VFR_HUD, COMMAND_ACK = 30, 74, 77
 FAIL, WARN, PASS = Grade.FAIL, Grade.WARN, Grade.PASS
 
 
@@ -57,7 +59,7 @@ class Bench:
                     if self.hears(frame, now):
                         self.survey.receive(frame, now, "sim", link)
             for frame in self.speaks(now):
-                self.survey.receive(frame, now, "sim")
+                self.survey.receive(frame, now, "sim", link)
             out = self.survey.step(now)
             self.vehicle.receive(out)
             self.sent += parser.parse_buffer(bytearray(out)) or []
@@ -417,29 +419,64 @@ def test_neither_outliers_nor_gaps_nor_motion_count_as_noise():
     assert one(lines, "outliers").grade is WARN or "5 %" in one(lines, "outliers").says
 
 
-UNNAMED = {"ranging": {"component_id": None}}
+UNNAMED = {"ranging": {"component_id": None, "orientation": None}}
+BEACON = (
+    'ranging.message="ranging_beacon"', 'ranging.endpoint="sim"', 'sim.ranging.message="ranging_beacon"',
+    'sim.ranging.via="direct"', "sim.ranging.beacon_id=1",
+)  # fmt: skip
 
 
 def test_the_echo_of_the_radios_ranges_is_no_fault():
     """PX4 sends a forwarded DISTANCE_SENSOR a second time under its own id, in every flight."""
-    line = one(Bench("px4_copter", without=UNNAMED).lines(), "rejected")
-    assert (line.grade, "wrong_source" in line.says) == (PASS, True)
+    lines = Bench("px4_copter", without=UNNAMED).lines()
+    assert (one(lines, "ranging").grade, one(lines, "rejected").grade) == (PASS, PASS)
+    assert "wrong_source" in one(lines, "rejected").says
+
+
+def of_another(now, sender=(1, 192), *, beacon_id=None, id=0, orientation=24):
+    """A second sensor that ranges to something 90 m away, stamped as the first one."""
+    if round(now * 100) % 10:
+        return []
+    if beacon_id is not None:
+        return [Voice(*sender).say(beacon(90_000, round(now * 1e6), round(now * 10) & 255, beacon_id=beacon_id))]
+    stamp = round(now * 1000)
+    return [Voice(*sender).say(mavlink.MAVLink_distance_sensor_message(stamp, 20, 60000, 9000, 4, id, orientation, 0))]
 
 
 @pytest.mark.parametrize(
-    ("bench", "grade"),
-    [(Bench("px4_copter", "ranging.component_id=192"), PASS), (Bench("px4_copter", without=UNNAMED), WARN)],
-    ids=["ours is named", "ours is not named"],
+    ("other", "missions", "named"),
+    [
+        ({"id": 3}, (), "ranging.sensor_id=0"),
+        ({"orientation": 0}, (), "ranging.orientation=24"),
+        ({"id": 1, "orientation": 2}, (), "ranging.sensor_id=0"),
+        ({"sender": (1, 193)}, (), "ranging.component_id=192"),
+        ({"sender": (77, 192)}, (), "ranging.system_id=1"),
+        ({"beacon_id": 5}, BEACON, "ranging.beacon_id=1"),
+    ],
+    ids=["sensor", "orientation", "both", "component", "system", "beacon"],
 )
-def test_several_senders_are_warned_of_unless_the_mission_names_ours(bench, grade):
-    radio = Voice(1, 193)
-    bench.speaks = lambda now: (
-        [radio.say(mavlink.MAVLink_distance_sensor_message(round(now * 1000), 20, 60000, 9000, 4, 0, 24, 0))]
-        if round(now * 100) % 10 == 0
-        else []
-    )
-    line = one(bench.lines(), "rejected")
-    assert (line.grade, "component_id" in line.says) == (grade, grade is WARN)
+def test_several_range_sources_fail_with_their_ids_their_ranges_and_the_key_that_names_one(other, missions, named):
+    bench = Bench("arducopter", *missions, without=UNNAMED)
+    bench.speaks = lambda now: of_another(now, **other)
+    lines = bench.lines()
+    line = one(lines, "ranging")
+    key, _, value = named.partition("=")
+    assert line.grade is FAIL and not of(lines, "noise")
+    assert line.says.startswith("2 range sources: 1/192 ") and "(90.0 m)" in line.says and key in line.says
+    assert f" {key.removeprefix('ranging.')} {value} " in line.says or key.endswith(("component_id", "system_id"))
+    bench = Bench("arducopter", *missions, without={"ranging": {**UNNAMED["ranging"], key[8:]: int(value)}})
+    bench.speaks = lambda now: of_another(now, **other)
+    lines = bench.lines()
+    assert (one(lines, "ranging").grade, one(lines, "noise").grade) == (PASS, PASS)
+
+
+def test_firmware_from_before_set_message_interval_is_asked_the_old_way_and_that_is_said():
+    bench = Bench("arducopter")
+    vehicle, unsupported = Voice(), mavlink.MAVLink_command_ack_message(SET_MESSAGE_INTERVAL, 3)
+    bench.speaks = lambda now: [vehicle.say(unsupported)] if round(now * 100) % 10 == 0 else []
+    bench.hears = lambda frame, now: message_id(frame) not in (COMMAND_ACK, ATTITUDE, VFR_HUD)
+    assert "REQUEST_DATA_STREAM is used" in of(bench.lines(), "stream")[0].says
+    assert {10, 11} <= {one.req_stream_id for one in bench.sent if one.get_type() == "REQUEST_DATA_STREAM"}
 
 
 @pytest.mark.parametrize(
@@ -498,6 +535,8 @@ def test_a_height_above_a_home_that_is_not_told_fails():
         ("arducopter", "FENCE_ENABLE", {0: PASS, 1: WARN}),
         ("arducopter", "WPNAV_SPEED", {500.0: PASS, 499.0: WARN}),
         ("arducopter", "WPNAV_ACCEL", {240.0: PASS, 230.0: WARN}),
+        ("arducopter", "ANGLE_MAX", {3000.0: PASS, 2300.0: PASS, 2100.0: WARN, 800.0: WARN}),
+        ("px4_copter", "MPC_TILTMAX_AIR", {45.0: PASS, 20.0: WARN}),
         ("arduplane", "ROLL_LIMIT_DEG", {45.0: PASS, 44.0: FAIL}),
         ("arduplane", "AIRSPEED_CRUISE", {23.0: PASS, 25.0: WARN, 15.0: FAIL}),
         ("arduplane", "AIRSPEED_MIN", {23.0: FAIL}),

@@ -1,6 +1,7 @@
 """Whose ranges count, which are none, and what their delay does."""
 
 from dataclasses import replace
+from itertools import count, pairwise
 from random import Random
 
 import pytest
@@ -87,12 +88,130 @@ def test_a_heartbeat_of_our_radios_system_does_not_take_its_ranges_from_us(rig, 
     assert rig.run(15.0 if begins else 5.0, speaks).pilot.mission.phase is Phase.ENGAGED
 
 
+# --- one source ---
+
+
+def two(rig, *, equal_stamps=True, **other):
+    """Ranges of our sensor at 10 Hz, and beside each one of another sensor of the same radio."""
+    both = {"id": 1, "orientation": 24, **other}
+
+    def speaks():
+        if rig.tick % 2 == 0:
+            stamp = 1_000_000 + round(rig.now * 1000)
+            rig.hear(scattering(15000, stamp))
+            rig.hear(scattering(4000, stamp + (0 if equal_stamps else 20), **both))
+
+    return speaks
+
+
+ANY = {"sensor_id": None, "orientation": None}
+NOT_ENGAGED = "2 range sources: 1/1 sensor_id 0 orientation 24 (150.0 m), 1/1 sensor_id 1 orientation {} (40.0 m): "
+
+
+@pytest.mark.parametrize("equal_stamps", [True, False])
+@pytest.mark.parametrize(
+    ("other", "keys"),
+    [({}, "ranging.sensor_id"), ({"orientation": 2}, "ranging.sensor_id or ranging.orientation")],
+    ids=["sensors", "orientations"],
+)
+def test_of_two_sensors_none_steers_until_the_mission_names_one(equal_stamps, other, keys):
+    """As `init` writes a mission, it names neither. What is said has the ids, the ranges and the key."""
+    rig = Rig(ranging=ranging(**ANY), timing=timing(wait_ranging=10.0))
+    rig.run(8.0, two(rig, equal_stamps=equal_stamps, **other), ranges=False)
+    said = NOT_ENGAGED.format(other.get("orientation", 24)) + f"name yours with {keys}"
+    assert rig.pilot.status.waits_for(rig.now) == said
+    assert rig.setpoints() == []
+    assert "circnav: 2 range sources: set ranging.sensor_id" in rig.texts()
+    assert rig.run(5.0, two(rig, equal_stamps=equal_stamps, **other)).pilot.mission.outcome.reason == said
+    named = Rig(ranging=ranging(**ANY | {"sensor_id": 0}))
+    named.run(5.0, two(named, equal_stamps=equal_stamps, **other), ranges=False)
+    assert named.pilot.mission.phase is Phase.ENGAGED
+    assert named.pilot.tracker.newest.r == pytest.approx(150.0, abs=0.02)
+    assert set(named.pilot.tracker.ranging.rejected) == {"other_sensor"}
+
+
+def test_a_second_sensor_is_waited_for_before_the_first_setpoint():
+    """It measures once a second; without the time to listen the flight would have begun on the first one alone."""
+    rig = Rig(ranging=ranging(**ANY))
+
+    def late():
+        if rig.tick % 20 == 19:
+            rig.hear(scattering(4000, 1_000_000 + round(rig.now * 1000), id=1))
+
+    assert rig.run(8.0, late).pilot.mission.phase is Phase.WAIT_RANGING
+    assert rig.setpoints() == []
+
+
+def test_a_second_sensor_that_comes_up_in_flight_changes_nothing():
+    rig, alone = Rig(ranging=ranging(**ANY)).engage(), Rig(ranging=ranging(**ANY)).engage()
+    rig.run(10.0, two(rig), ranges=False)
+    alone.run(10.0)
+    assert rig.pilot.mission.phase is Phase.ENGAGED
+    assert rig.pilot.tracker.ranging.rejected["other_sensor"] == 100
+    assert [m.yaw_rate for m in rig.setpoints(4.0)] == [m.yaw_rate for m in alone.setpoints(4.0)]
+
+
+def test_one_that_falls_silent_leaves_the_other_alone_and_then_it_counts():
+    rig = Rig(ranging=ranging(**ANY))
+    rig.run(4.0, two(rig), ranges=False)
+    assert rig.run(4.0, ranges=True).pilot.mission.phase is Phase.WAIT_RANGING
+    assert rig.run(4.0).pilot.mission.phase is Phase.ENGAGED
+
+
+def test_a_name_that_nobody_sends_is_told_with_those_that_are_sent():
+    rig = Rig(ranging=ranging(message="named_value_float", name="UWB"))
+    values = [mavlink.MAVLink_named_value_float_message(0, name, 30.0) for name in (b"UWB1", b"UWB2")]
+    rig.run(3.0, lambda: [rig.hear(value) for value in values], ranges=False)
+    waits = rig.pilot.status.waits_for(rig.now)
+    assert "received: 1/1 name UWB1 (30.0 m), 1/1 name UWB2 (30.0 m), which the mission does not pick" in waits
+    assert "compare ranging.name" in waits
+
+
+# --- faster than the vehicle needs them ---
+
+
+def fast(rig, hz, values=lambda n: 15000 + n % 2):
+    """Ranges at some rate above that of the bench's ticks, all that fall into one tick before its step."""
+
+    number = count(1)
+
+    def speaks():
+        for n in range(round(hz * 0.05)):
+            rig.now = round(rig.tick * 0.05 + (n + 1) / hz, 6)
+            rig.hear(distance(values(next(number)), 1_000_000 + round(1000 * rig.now)))
+            rig.step()
+
+    return speaks
+
+
+@pytest.mark.parametrize("hz", [100, 200, 1000])
+def test_ranges_faster_than_ticks_are_all_used_and_get_one_setpoint_a_tick(hz):
+    rig, taken = Rig().engage(), []
+    observe, since = rig.pilot.tracker.estimator.observe, rig.now
+    rig.pilot.tracker.estimator.observe = lambda sample: taken.append(sample) or observe(sample)
+    before = rig.pilot.tracker.accepted
+    rig.run(4.0, fast(rig, hz), ranges=False)
+    assert rig.pilot.mission.phase is Phase.ENGAGED
+    assert 4 * 20 - 2 <= len(rig.setpoints(since)) <= 4 * 27
+    assert len(taken) <= 4 * 27
+    assert rig.pilot.tracker.accepted - before == pytest.approx(4 * hz, rel=0.02)
+    assert max(b.time - a.time for a, b in pairwise(taken[1:])) < 0.06
+
+
+def test_an_outlier_among_merged_ranges_moves_nothing():
+    """One range in twenty at 400 Hz is 250 m too long: half of all medians of their means would be 12 m too long."""
+    rig = Rig().engage()
+    rig.run(3.0, fast(rig, 400, lambda n: 40000 if n % 20 == 0 else 15000 + n % 2), ranges=False)
+    assert rig.pilot.tracker.newest.r == pytest.approx(150.0, abs=0.1)
+    assert rig.pilot.tracker.newest.sigma < ranging().sigma_m
+
+
 # --- ranges that are none ---
 
 
 def test_an_outlier_is_counted_and_moves_nothing():
     steady, disturbed = Rig().engage(), Rig().engage()
-    disturbed.now = steady.now = round(steady.now + 0.02, 6)
+    disturbed.now = steady.now = round(steady.now + 0.04, 6)
     disturbed.range(40000)
     for rig in (steady, disturbed):
         rig.run(0.3, ranges=False)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import quickjs
 
-from circnav_mav.extras.web import CHARTS
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.report.chart_data import alarms, as_script, chart_data, peaks, stretches
+from circnav_mav.report.charts import CHARTS
 from circnav_mav.runlog.events import Event
 from circnav_mav.runlog.ticks import read_ticks, read_truth
 from tests.runlog.conftest import EPOCH_US

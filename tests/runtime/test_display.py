@@ -6,8 +6,11 @@ import threading
 import pytest
 from rich.console import Console
 
+from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runtime import display as display_module
 from circnav_mav.runtime.display import Display, LiveScreen, PlainScreen, display_for
+from circnav_mav.runtime.onlookers import Onlookers
+from circnav_mav.runtime.status import Watch
 from tests.flight.lockstep import flight
 from tests.process import PATIENCE
 
@@ -42,14 +45,14 @@ class Screen:
 
 def showing(display):
     """What the runner does after each step."""
-    return lambda flown: display.show(flown.ticks[-1] if flown.ticks else None, flown.now)
+    return lambda flown: display.on_step(flown.ticks[-1] if flown.ticks else None, LoopStep(flown.now), None)
 
 
 def test_a_stuck_terminal_delays_no_tick_and_gets_the_newest_picture_later():
     """One that was stopped with Ctrl-S while the first picture was drawn."""
     flown, screen = flight("quickstart"), Screen()
     screen.go_on.clear()
-    display = Display(screen, flown.pilot, 0.0, last=True)
+    display = Display(screen, flown.pilot, Onlookers(), 0.0, last=True)
     flown.fly(1.0, showing(display))
     assert screen.entered.wait(PATIENCE)
     flown.fly(20.0, showing(display))  # would never return if it waited
@@ -67,7 +70,7 @@ def test_a_stuck_terminal_delays_no_tick_and_gets_the_newest_picture_later():
 )
 def test_a_screen_that_cannot_draw_ends_no_flight_and_is_told_of_if_somebody_looks(fails, problem):
     flown, screen = flight("quickstart"), Screen(fails)
-    display = Display(screen, flown.pilot, 0.0, last=True)
+    display = Display(screen, flown.pilot, Onlookers(), 0.0, last=True)
     flown.fly(5.0, showing(display))
     display.close()
     assert flown.pilot.mission.outcome is None
@@ -76,9 +79,9 @@ def test_a_screen_that_cannot_draw_ends_no_flight_and_is_told_of_if_somebody_loo
 
 def test_a_status_that_comes_late_does_not_delay_the_next_drawing():
     flown, screen = flight("quickstart").fly(5.0), Screen()
-    display = Display(screen, flown.pilot, 1.0, last=False)
+    display = Display(screen, flown.pilot, Onlookers(), 1.0, last=False)
     for now in (0.0, 0.97, 1.04, 1.99, 2.03, 2.9, 7.0, 7.5, 8.0):
-        display.show(flown.ticks[-1], now)
+        display.on_step(flown.ticks[-1], LoopStep(now), None)
         while display._waiting:
             pass
     display.close()
@@ -96,7 +99,7 @@ def test_only_a_terminal_that_can_be_drawn_on_gets_the_picture(monkeypatch):
         ("xterm", False, PlainScreen),
     ):
         monkeypatch.setenv("TERM", term)
-        display = display_for(Console(file=io.StringIO(), force_terminal=is_terminal), pilot, "small", 1.0)
+        display = display_for(Console(file=io.StringIO(), force_terminal=is_terminal), pilot, Onlookers(), "small", 1.0)
         display.close()
         assert type(display._screen) is screen
 
@@ -104,7 +107,7 @@ def test_only_a_terminal_that_can_be_drawn_on_gets_the_picture(monkeypatch):
 def test_plain_lines_come_once_a_second_and_none_between():
     flown = flight("quickstart", "limits.duration_s=7.5")
     console = Console(record=True, width=300, file=io.StringIO())
-    display = display_for(console, flown.pilot, "small", 1.0)
+    display = display_for(console, flown.pilot, Onlookers(), "small", 1.0)
 
     def show_and_let_print(now):
         showing(display)(now)
@@ -136,3 +139,12 @@ def test_plain_output_tells_each_new_alarm_and_what_is_waited_for_once(statuses)
     waiting = printed(statuses(4.0, "engage.request_mode=false"))
     assert waiting.count("  WAITING  mode GUIDED: the operator must enter it") == 1
     assert waiting.count("  WAITING") <= 2
+
+
+def test_plain_lines_end_with_the_flight_while_a_hand_back_goes_on():
+    flown, out = flight("quickstart", "limits.duration_s=2.0").fly(40.0), io.StringIO()
+    screen, watch = PlainScreen(Console(file=out, width=200)), Watch(flown.pilot, Onlookers())
+    for second in range(30):
+        screen.draw(watch.status(flown.ticks[-1], flown.now + second))
+    assert flown.pilot.done
+    assert out.getvalue().count(" ended ") == 1

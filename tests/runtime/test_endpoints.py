@@ -46,8 +46,6 @@ def test_both_spellings_name_the_same_endpoint(text, endpoint):
         ("udpin:127.0.0.1:65536", "port must be 0 to 65535"),
         ("tcp:127.0.0.1:99999", "port must be 1 to 65535"),
         ("udpout:127.0.0.1:0", "port must be 1 to 65535"),
-        pytest.param("udpin:127.0.0.1:" + 5000 * "1", "port is missing or not a number", id="thousands of digits"),
-        ("udpin:127.0\0.0.1:14550", "holds a character that no address has"),
         ("udpin:::1:14550", "write an IPv6 address in brackets, as in udpin:[::1]:14550"),
         ("udpout:[::1:14550", "write an IPv6 address in brackets"),
         ("tcp:[1.2::z]:5760", "write an IPv6 address in brackets"),

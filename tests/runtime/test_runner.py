@@ -1,14 +1,13 @@
 """The loop: what it receives, sends, records, and how it is stopped."""
 
 import signal
-from types import SimpleNamespace
 from unittest.mock import Mock
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.pilot.loop_step import LoopStep
-from circnav_mav.runtime.runner import Onlookers, StopRequest, listen, run
+from circnav_mav.runtime.onlookers import Onlooker, Onlookers
+from circnav_mav.runtime.runner import StopRequest, listen, run
 
 
 def frame(number):
@@ -101,7 +100,19 @@ class FakePilot:
         return [self.left]
 
 
+class Showing(Onlooker):
+    """Passes what it is shown on to a function of the newest tick and the step."""
+
+    def __init__(self, show):
+        self.show = show
+
+    def on_step(self, newest, step, recording_problem):
+        return self.show(newest, step) or ()
+
+
 class FakeRecorder:
+    problem = None
+
     def __init__(self):
         self.ticked, self.steps = [], []
         self.step, self.ticks = self.steps.append, self.ticked.extend
@@ -123,9 +134,10 @@ def stop():
 def fly(stop):
     """Run a pilot to its end; what was recorded."""
 
-    def run_to_the_end(pilot, *, clock=None, recorder=None, show=lambda *_: None, rest=None, **links):
-        recorder = recorder or FakeRecorder()
-        run(pilot, {"vehicle": FakeLink()} | links, clock or FakeClock(), recorder, show, stop, **rest or {})
+    def run_to_the_end(pilot, *onlookers, clock=None, recorder=None, signing_time=None, **links):
+        recorder, attached = recorder or FakeRecorder(), Onlookers([*onlookers])
+        run(pilot, {"vehicle": FakeLink()} | links, clock or FakeClock(), recorder, attached, stop, signing_time)
+        assert not attached.problems
         return recorder
 
     return run_to_the_end
@@ -136,7 +148,8 @@ def test_the_pilot_is_given_what_comes_in_with_its_source_and_link_and_what_it_s
 ):
     pilot, shown = FakePilot(2), []
     vehicle, ranging = FakeLink((b"a", "x"), (b"b", "y")), FakeLink((b"c", "radio"))
-    recorder = fly(pilot, vehicle=vehicle, ranging=ranging, show=lambda tick, step: shown.append((tick, step.time)))
+    screen = Showing(lambda tick, step: shown.append((tick, step.time)))
+    recorder = fly(pilot, screen, vehicle=vehicle, ranging=ranging)
     assert pilot.heard == [(b"a", "x", "vehicle"), (b"c", "radio", "ranging"), (b"b", "y", "vehicle")]
     said = [frame(1), frame(101), frame(0), frame(100)]  # the setpoint on its own, at once
     assert vehicle.sent == [(one, "the vehicle") for one in said]
@@ -156,21 +169,26 @@ def test_signals_interrupt_the_pilot_once_and_let_it_say_goodbye(fly, number):
     assert len(vehicle.sent) == 4
 
 
-def test_a_signal_ends_the_hand_back_that_outlasts_guidance_in_a_turn_of_its_own(fly):
-    """In which the vehicle gets its streams back."""
-    locating = SimpleNamespace(busy=True, locator=SimpleNamespace(called_off=False), turns=0)
+class Lasting(Onlooker):
+    """Has something to do until a signal has come, and one frame to send then."""
 
-    def turn(step):
-        locating.turns += 1
-        locating.busy = not locating.locator.called_off
-        return [b"streams"] if locating.locator.called_off else []
+    busy, steps = True, 0
 
-    locating.turn = turn
-    pilot, vehicle = FakePilot(1), FakeLink()
+    def on_step(self, newest, step, recording_problem):
+        self.steps += 1
+        if self.steps == 3:
+            signal.raise_signal(signal.SIGINT)
+        self.busy = not self.called_off
+        return [b"streams"] if self.called_off else []
+
+
+def test_an_onlooker_keeps_the_loop_going_after_guidance_until_a_signal_which_it_is_shown_in_a_step_of_its_own(fly):
+    """In which the vehicle gets its streams back, and the record what was sent."""
+    lasting, pilot, vehicle = Lasting(), FakePilot(1), FakeLink()
     pilot.mission.outcome = "completed"
-    fly(pilot, vehicle=vehicle, rest={"locating": locating},
-        show=lambda *_: locating.turns == 3 and signal.raise_signal(signal.SIGINT))  # fmt: skip
-    assert locating.turns == 4 and vehicle.sent[-1] == (b"streams", "the vehicle")
+    recorder = fly(pilot, lasting, vehicle=vehicle)
+    assert lasting.steps == 4 and vehicle.sent[-1] == (b"streams", "the vehicle")
+    assert [step.attached for step in recorder.steps] == [[], [], [], [b"streams"]]
 
 
 @pytest.mark.parametrize(("seconds", "stands"), [(0.4, False), (5.0, True)])
@@ -201,34 +219,9 @@ def test_what_was_to_be_said_before_the_process_stood_still_is_not_said_after_it
 
 def test_the_time_of_signatures_goes_on_in_every_turn(fly, stop):
     flying, listening = Mock(), Mock()
-    fly(FakePilot(3), rest={"signing_time": flying})
+    fly(FakePilot(3), signing_time=flying)
     listen(FakePilot(3), {"vehicle": FakeLink()}, FakeClock(), stop, listening)
     assert (flying.turn.call_count, listening.turn.call_count) == (3, 3)
-
-
-def test_an_onlooker_that_fails_is_shown_no_more_and_the_others_go_on():
-    seen, tries = [], []
-
-    def breaks(newest, step):
-        tries.append(step.time)
-        if step.time > 1.0:
-            raise ValueError("Out of range float values are not JSON compliant")
-
-    onlookers = Onlookers({"live page": breaks, "display": lambda newest, step: seen.append(step.time)})
-    for moment in (1.0, 2.0, 3.0):
-        onlookers.show(None, LoopStep(moment))
-    assert (seen, tries) == ([1.0, 2.0, 3.0], [1.0, 2.0])
-    assert onlookers.problems == [
-        "live page: stopped at 2.0 s: ValueError('Out of range float values are not JSON compliant')"
-    ]
-
-
-def test_what_comes_in_before_all_is_loaded_is_thrown_away(fly):
-    pilot, loaded = FakePilot(), iter([False, False, True])
-    vehicle = FakeLink(*((data, "x") for data in (b"a", b"b", b"c", b"d")))
-    fly(pilot, vehicle=vehicle, rest={"ready": lambda: next(loaded)})
-    assert [data for data, _, _ in pilot.heard] == [b"c", b"d"]
-    assert len(vehicle.sent) == 10, "it speaks all the while"
 
 
 def test_a_setpoint_leaves_before_anything_is_recorded_or_shown(fly, monkeypatch):
@@ -237,5 +230,5 @@ def test_a_setpoint_leaves_before_anything_is_recorded_or_shown(fly, monkeypatch
     monkeypatch.setattr(vehicle, "send", lambda words, _: order.append("setpoint" if words == frame(0) else "the rest"))
     monkeypatch.setattr(pilot, "take_records", lambda: order.append("records worked out") or [0])
     monkeypatch.setattr(recorder, "step", lambda _: order.append("recorded"))
-    fly(pilot, vehicle=vehicle, recorder=recorder, show=lambda *_: order.append("shown"))
-    assert order == ["setpoint", "the rest", "records worked out", "recorded", "shown"]
+    fly(pilot, Showing(lambda *_: order.append("shown")), vehicle=vehicle, recorder=recorder)
+    assert order == ["setpoint", "the rest", "records worked out", "shown", "recorded"]

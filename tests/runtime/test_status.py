@@ -7,16 +7,19 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from circnav_mav.pilot import OutputMode
+from circnav_mav.pilot import OutputMode, Phase
+from circnav_mav.pilot.settings import HeightSettings
 from circnav_mav.runtime.display import LiveScreen
+from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.picture import Picture
 from circnav_mav.runtime.status import Watch
 from tests.flight.lockstep import flight
+from tests.rig import Rig
 
 SETTINGS = flight("quickstart").pilot.settings
 GROUND = ("sim.start.altitude_m=0.0", "sim.start.armed=false", 'sim.start.mode="STABILIZE"')
 BACK = "the operator has the vehicle: enter GUIDED again to hand it back"
-STALE = r"RANGE STALE 4\.\d s: holding the circle's turn rate, ends at 10\.5 s"
+STALE = r"RANGE STALE 4\.\d s: holding the circle's turn rate by 20 setpoints per second, ends at 10\.5 s"
 
 
 def drawn(status, *, ascii_only=False, settings=SETTINGS, columns=80):
@@ -88,7 +91,7 @@ def test_ranges_that_are_refused_are_counted_by_reason_and_those_of_an_outage_or
     flown = flight("px4_copter")
     assert flown.pilot.status.waits_for(0.0) == "no autopilot heartbeat, 0 bytes heard"
     flown.fly(8.0)
-    status = Watch(flown.pilot).status(flown.ticks[-1], 8.0)
+    status = Watch(flown.pilot, Onlookers()).status(flown.ticks[-1], 8.0)
     assert status.others > 30
     assert "wrong_source" not in status.rejected
     assert flown.ticks[-1].rejected == sum(status.rejected.values())
@@ -116,7 +119,7 @@ def test_the_target_is_told_as_seen_from_the_vehicle_and_drift_by_where_it_goes_
     """Vehicle 30 m east and 40 m south of the target, carried north: by hand."""
     flown = flight("quickstart").fly(6.0)
     tick = flown.ticks[-1]._replace(x=30.0, y=-40.0, drift_x=0.0, drift_y=2.0, turn_gain=0.72, turn_delay=0.46)
-    status = Watch(flown.pilot).status(tick, 6.0, "disk full")
+    status = Watch(flown.pilot, Onlookers()).status(tick, 6.0, "disk full")
     assert status.target == "bearing 323 deg, drift 2.0 m/s towards 000 deg"
     assert status.alarms == ("NOT RECORDING: disk full",)
     lines = "\n".join(drawn(status))
@@ -163,3 +166,54 @@ def test_bars_lean_to_the_side_that_is_flown_and_the_sparkline_falls_with_the_er
     assert len(levels) == 27  # 1.5 s each
     assert (levels[0], levels[-1]) == (7, 0)
     assert "full 21" in error
+
+
+# --- an alarm is something to act on ---
+
+
+def alarms_of(name, seconds, *overrides):
+    """All alarms of the first seconds of a bundled flight."""
+    under_way, found = flight(name, *overrides), set()
+    watch = Watch(under_way.pilot, Onlookers())
+    under_way.fly(seconds, lambda f: f.ticks and found.update(watch.status(f.ticks[-1], f.now).alarms))
+    assert under_way.pilot.mission.phase is Phase.ENGAGED
+    return found
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides"),
+    [
+        ("arducopter", ("ranging.rate_hz=3.0", "sim.ranging.rate_hz=3.0", "sim.ranging.dropout_fraction=0.1")),
+        ("arduplane", ("ranging.rate_hz=1.0", "sim.ranging.rate_hz=1.0", "sim.ranging.dropout_fraction=0.1")),
+        ("arduplane", ("ranging.rate_hz=100.0", "sim.ranging.rate_hz=100.0")),
+    ],
+    ids=["3 Hz", "1 Hz", "100 Hz"],
+)
+def test_a_radio_that_does_what_its_mission_says_raises_no_alarm(name, overrides):
+    assert alarms_of(name, 60.0, *overrides) == set()
+
+
+def test_a_height_that_is_not_known_yet_is_waited_for_and_no_alarm():
+    rig = Rig(height=HeightSettings(target_altitude=500.0)).run(5.0)
+    watch = Watch(rig.pilot, Onlookers())
+    for _ in range(10):
+        status = watch.status(rig.run(0.5).pilot.take_records()[-1], rig.now)
+    assert status.alarms == () and status.rejected["no_height"] > 90
+    assert status.waits.startswith("no altitude (VFR_HUD.alt)")
+
+
+def test_a_computer_that_sends_a_tenth_of_the_setpoints_is_said_to():
+    """It steps twice a second: setpoints go out that late, whatever the phase is called."""
+    rig = Rig().engage()
+    watch = Watch(rig.pilot, Onlookers())
+    found = []
+    for n in range(60):
+        rig.pass_time(0.45)
+        rig.heartbeat()
+        rig.range()
+        rig.step()
+        if n % 2:
+            records = rig.pilot.take_records()
+            found = list(watch.status(records[-1], rig.now).alarms)
+    (few,) = [alarm for alarm in found if alarm.startswith("FEW SETPOINTS")]
+    assert re.match(r"FEW SETPOINTS: [012]\.\d of 20 per second are sent: the computer is overloaded", few)

@@ -170,3 +170,31 @@ def test_reports_are_bent_as_the_file_says_and_the_truth_is_not():
     last = companion.listen("ATTITUDE")[-1]
     rate = last.pitchspeed * math.sin(last.roll) + last.yawspeed * math.cos(last.roll)
     assert rate == pytest.approx(1.1 * companion.truth.turn_rate, rel=0.02)
+
+
+TURNS = {"good": 0.2, "straight": 0.0, "turning": math.radians(12), "hovering": 0.0, "reversed": -0.2, "weak": 0.02}
+
+
+@pytest.mark.parametrize("profile", ["arducopter", "ardurover", "px4_copter"])
+@pytest.mark.parametrize("state", [*TURNS, "frozen"])
+def test_steering_that_is_broken_ignores_turns_or_garbles_them(profile, state):
+    events = [{"at_s": 3.0, "action": f"steering_{state}"}]
+    companion = aboard(profile, "OFFBOARD" if profile == "px4_copter" else "GUIDED", events=events)
+    companion.fly(3.2, 3.0, 0.1)
+    companion.fly(4.0, 3.0, 0.2)
+    assert companion.truth.turn_rate == pytest.approx(TURNS.get(state, 0.1), abs=0.02)
+    assert companion.truth.ground_speed == pytest.approx(0.0 if state == "hovering" else 3.0, abs=0.5)
+
+
+@pytest.mark.parametrize(("profile", "lean"), [("arducopter", 12.0), ("px4_copter", 20.0)])
+def test_a_copter_flies_no_faster_through_the_air_than_its_lean_holds(profile, lean):
+    """tan(lean) g/drag of airspeed: against the wind the speed over the ground sags."""
+    wind = {"speed_mps": 4.0, "from_deg": 0.0}
+    airframe = {"dynamics": "realistic", "max_lean_deg": lean, "drag_per_s": 0.4}
+    mode = "OFFBOARD" if profile == "px4_copter" else "GUIDED"
+    companion = aboard(profile, mode, wind=wind, vehicle=airframe)
+    companion.fly(25.0, 8.0, 0.0)
+    fastest = 9.80665 * math.tan(math.radians(lean)) / 0.4
+    assert companion.truth.airspeed == pytest.approx(min(fastest, 12.0), rel=0.06)
+    name = "MPC_TILTMAX_AIR" if profile == "px4_copter" else "ANGLE_MAX"
+    assert companion.vehicle._flight.autopilot.params[name] == lean * (1 if profile == "px4_copter" else 100)

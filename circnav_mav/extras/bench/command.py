@@ -4,9 +4,7 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-import click
-
-from circnav_mav.cli.exits import Exit, Refused, refusing
+from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.extras.batch.flight import SITUATIONS
 from circnav_mav.extras.batch.guidance import POLICIES
 from circnav_mav.extras.batch.worker_pool import WorkerDiedError
@@ -24,7 +22,7 @@ def fly_bench(flights: int, laws: tuple[str, ...], situations: tuple[str, ...], 
             folder.mkdir(parents=True, exist_ok=True)
             (folder / "table.csv").open("ab").close()  # better now than after hours of flight
         try:
-            bench.run(cells, flights, seed, folder, tell=click.echo, cores=os.cpu_count() or 1)
+            bench.run(cells, flights, seed, folder, tell=say, cores=os.cpu_count() or 1)
         except WorkerDiedError:
             raise Refused("a worker process died (out of memory?): ask for fewer --flights", Exit.INTERNAL) from None
     return Exit.DONE

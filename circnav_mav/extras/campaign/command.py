@@ -8,21 +8,20 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-import click
 from circnav_sim.config import ConfigError
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from circnav_mav.cli.exits import Exit, Refused, refusing
+from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.extras.campaign.execute import cores, on_cores, on_scheduler
 from circnav_mav.extras.campaign.figures import SUMMARY, summarise
 from circnav_mav.extras.campaign.fly import Row, chunks, obstacle
 from circnav_mav.extras.campaign.plan import Campaign, CampaignError, hopeless, load_campaign, prepare
 from circnav_mav.extras.campaign.plots import plot_campaign
 from circnav_mav.extras.campaign.store import TABLE, Store
+from circnav_mav.foreign import printable
 from circnav_mav.mission.load import MissionError
 from circnav_mav.runlog.atomic_write import write_json
-from circnav_mav.runlog.run_folder import printable
 from circnav_mav.runtime.clock import local_time_name
 
 SHOWN = 2
@@ -49,7 +48,7 @@ def fly_campaign(
         engines = _engines(campaign)
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what was flown is kept, and said
         with closing(Store(folder, campaign, resume=resume)) as store:
-            click.echo(engines)
+            say(engines)
             interrupted = _fly(campaign, store, scheduler, processes)
             return _finish(campaign, store, printable(name), interrupted)
 
@@ -121,7 +120,7 @@ def _lines(before: int, total: int) -> Callable[[int, list[Row]], None]:
         now = time.monotonic()
         if now - told >= TELL_EVERY:
             told, rate = now, max(done - before, 1) / (now - began)
-            click.echo(f"  {done} of {total} flights, {(total - done) / rate:.0f} s left")
+            say(f"  {done} of {total} flights, {(total - done) / rate:.0f} s left")
 
     return show
 
@@ -141,13 +140,13 @@ def _finish(campaign: Campaign, store: Store, name: str, interrupted: bool) -> i
         for value, figures in values.items():
             _say(f"{key} = {value}", figures)
     for said in dict.fromkeys(row["error"] for row in rows if row["error"]):
-        click.echo(f"  ERROR      {said}")
+        say(f"  ERROR      {said}")
     for problem in problems:
-        click.echo(f"  WARNING    {problem}")
+        say(f"  WARNING    {problem}")
     written = [TABLE, SUMMARY, *(path.name for path in pictures)]
-    click.echo(f"  written    {store.folder}/: {', '.join(written)}")
+    say(f"  written    {store.folder}/: {', '.join(written)}")
     if interrupted:
-        click.echo(f"  stopped after {len(rows)} of {campaign.runs} flights; go on with --out {store.folder} --resume")
+        say(f"  stopped after {len(rows)} of {campaign.runs} flights; go on with --out {store.folder} --resume")
         return Exit.INTERRUPTED
     return Exit.DONE
 
@@ -167,4 +166,4 @@ def _say(what: str, figures: dict[str, Any]) -> None:
         line += f"  turn sd {figures['turn_std_deg_s']:.1f} deg/s, at the limit {100 * figures['turn_at_limit']:.0f} %"
     for name in ("limit_cycles", "wrong_way", "not_engaged", "failed"):
         line += f"  {name.replace('_', ' ')}: {figures[name]}" if figures[name] else ""
-    click.echo(line)
+    say(line)

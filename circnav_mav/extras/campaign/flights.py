@@ -114,7 +114,7 @@ def guidance_of(runs: Sequence[Run]) -> Guidance:
         estimator(missions[0].estimator, estimation, len(runs)),
         len(runs),
         lag=_array(mission.file.vehicle.turn_lag_s for mission in missions),
-        stale=missions[0].file.limits.stale_s,
+        stale=missions[0].stale,
         answers=runs[0].vehicle.vehicle.turn_lag_s,
         turn_gain=_array(1.0 if gain == "learn" else gain for gain in gains),
         learns=np.array([gain == "learn" for gain in gains]),

@@ -12,10 +12,13 @@ from typing import Any
 
 from circnav_mav.extras.campaign.figures import FIGURES, NUMBERS, SUMMARY, columns
 from circnav_mav.extras.campaign.plan import Campaign, CampaignError
+from circnav_mav.foreign import read_bytes, read_lines
 from circnav_mav.runlog.atomic_write import atomic_write
 from circnav_mav.runtime.lock import lock
 
 TABLE = "runs.csv"
+MAX_TABLE = 10**10
+"""Most bytes of the table: ten million flights have fewer."""
 DECIMALS = 5
 """Of a length in m: what comes after hangs on how many flights a batch has, where numpy sums up in another order."""
 TURN_DECIMALS = 4
@@ -73,19 +76,19 @@ class Store:
         """Put the rows in the order of their runs, after the last of them: equal campaigns give equal files. Raises
         CampaignError."""
         with _refusing(self._path):
-            header, *lines = self._path.read_bytes().splitlines(keepends=True) or [b""]
+            header, *lines = read_bytes(self._path, MAX_TABLE).splitlines(keepends=True) or [b""]
             lines.sort(key=lambda line: int(line.partition(b",")[0]))
             with atomic_write(self._path) as fresh:
                 fresh.write_bytes(header + b"".join(lines))
 
     def read(self) -> list[dict[str, str]]:
         """The rows as text. Raises CampaignError."""
-        with _refusing(self._path), self._path.open(newline="", encoding="utf-8") as file:
-            return list(csv.DictReader(file))
+        with _refusing(self._path):
+            return list(csv.DictReader(read_lines(self._path)))
 
     def _begun(self) -> bool:
         """Whether a row was written there; a header alone is of a campaign that nobody flew."""
-        return self._path.exists() and self._path.read_bytes().count(b"\n") > 1
+        return self._path.exists() and read_bytes(self._path, MAX_TABLE).count(b"\n") > 1
 
     def _refuse_foreign(self, sources: dict[str, str]) -> None:
         """Nothing that a campaign writes over may be there but the beginnings of this very one. Raises CampaignError,
@@ -94,7 +97,7 @@ class Store:
         if all(_bytes(self.folder / name) == text for name, text in whole.items()):
             return
         for path in sorted(self.folder.iterdir()):
-            of_ours = path.name in whole and whole[path.name].startswith(path.read_bytes())
+            of_ours = path.name in whole and whole[path.name].startswith(read_bytes(path, MAX_TABLE))
             if not of_ours and (path.name in {*whole, SUMMARY} or path.suffix == ".png"):
                 raise CampaignError(
                     f"{self.folder}: holds {path.name}, which is not of this campaign: name another --out"
@@ -109,7 +112,7 @@ class Store:
             if there != text.encode():
                 what = "has changed since" if there else "is missing"
                 raise CampaignError(f"{self.folder}: cannot resume: {name} {what}; name another --out")
-        data = self._path.read_bytes()
+        data = read_bytes(self._path, MAX_TABLE)
         whole = data[: data.rfind(b"\n") + 1]
         header, *lines = whole.splitlines(keepends=True)
         if header != _line(self._columns):
@@ -141,7 +144,7 @@ class Store:
 
 def _bytes(path: Path) -> bytes:
     """Of a file; none where there is no file."""
-    return path.read_bytes() if path.is_file() else b""
+    return read_bytes(path, MAX_TABLE) if path.is_file() else b""
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Where the target is on the map, live and from logs; and a position for an autopilot that has lost its own.
+"""Localization of the target, live and from logs, and a position for an autopilot that has lost its own.
 
 Nothing in here steers: the core cannot import it.
 """

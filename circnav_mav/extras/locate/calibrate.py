@@ -4,11 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import click
 import numpy as np
 import tomlkit
 
-from circnav_mav.cli.exits import Exit, Refused, refusing
+from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.extras.locate.estimator import (
     CALIBRATED,
     UNCALIBRATED,
@@ -84,13 +83,13 @@ def calibrate_radio(
         name = folder / ("calibration" if source.is_dir() else f"{source.stem}.calibration")
         write_text(name.with_name(f"{name.name}.toml"), "[ranging]\n" + "".join(f"{line}\n" for line in lines))
         _plot(name.with_name(f"{name.name}.png"), calibration, errors, tag)
-        click.echo("[ranging]")
+        say("[ranging]")
         for line in lines:
-            click.echo(line)
-        click.echo(f"  written    {name}.toml, .png")
+            say(line)
+        say(f"  written    {name}.toml, .png")
         if mission is not None:
             write_into(Path(mission), calibration)
-            click.echo(f"  written    into {mission}: the next flight uses it")
+            say(f"  written    into {mission}: the next flight uses it")
     return Exit.DONE
 
 
@@ -205,23 +204,23 @@ def _bins(true: Array, error: Array) -> list[Bin]:
 
 
 def _say(tag: str, place: Place, calibration: Calibration, bins: Sequence[Bin]) -> None:
-    click.echo(f"{tag}: {place.used} ranges, noise {place.noise:.2f} m, beacon at {place.words()}")
-    click.echo("  true range     reported too long by    spread    ranges")
+    say(f"{tag}: {place.used} ranges, noise {place.noise:.2f} m, beacon at {place.words()}")
+    say("  true range     reported too long by    spread    ranges")
     for one in bins:
-        click.echo(f"  {one.true:8.1f} m     {one.error:+10.2f} m        {one.spread:8.2f} m  {one.count:6d}")
+        say(f"  {one.true:8.1f} m     {one.error:+10.2f} m        {one.spread:8.2f} m  {one.count:6d}")
     error, sigma = place.range_error(place.range_scale)
     if calibration.points:
-        click.echo("  radio      not linear: a table of points")
+        say("  radio      not linear: a table of points")
     elif place.scale_known:
         scale = f"scale {1 + place.scale:.4f} +-{place.scale_sigma:.4f}"
-        click.echo(f"  radio      {scale}, bias {place.bias:+.2f} +-{place.bias_sigma:.2f} m")
+        say(f"  radio      {scale}, bias {place.bias:+.2f} +-{place.bias_sigma:.2f} m")
     else:
-        click.echo(
+        say(
             f"  radio      {error:+.2f} +-{sigma:.2f} m at {place.range_scale:.0f} m. Scale and bias not observable on "
             "one radius: right for this radius only; fly the approach or a second radius as well"
         )
     if not place.up_known:
-        click.echo("  WARNING    the height of the beacon is not known and looks like a bias: give --altitude")
+        say("  WARNING    the height of the beacon is not known and looks like a bias: give --altitude")
 
 
 def _plot(path: Path, calibration: Calibration, errors: tuple[Array, Array], tag: str) -> None:

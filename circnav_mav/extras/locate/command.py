@@ -1,57 +1,112 @@
 """`circnav locate`: where the targets of a log are."""
 
+import re
+from collections.abc import Sequence
 from dataclasses import replace
+from datetime import timedelta, timezone
 from pathlib import Path
+from zoneinfo import ZoneInfo
 
-import click
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from circnav_mav.cli.exits import Exit, Refused, refusing
+from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.extras.locate.estimator import Knowledge, NotYet, locate_as_it_shows
 from circnav_mav.extras.locate.export import geojson, kml
+from circnav_mav.extras.locate.logs.interface import UNITS, ReadOptions, meters_in
+from circnav_mav.extras.locate.logs.table import read_logs, with_positions
 from circnav_mav.extras.locate.map_picture import plot_map
-from circnav_mav.extras.locate.place import NO_SCALE, NOT_OBSERVABLE, Place, Plane
-from circnav_mav.extras.locate.range_log import EmptyLogError, RangeLog, read_log
+from circnav_mav.extras.locate.parameters import PARAMETERS
+from circnav_mav.extras.locate.place import NO_SCALE, NOT_OBSERVABLE, Place
+from circnav_mav.extras.locate.range_log import EmptyLogError, RangeLog, tracks
+from circnav_mav.extras.locate.units import better_unit, is_plausible
+from circnav_mav.foreign import printable
 from circnav_mav.mission.load import MissionError, load_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.runlog.atomic_write import write_text
-from circnav_mav.runlog.run_folder import RunError, printable
+from circnav_mav.runlog.run_folder import RunError
 
 MIXED, POOR = 0.25, 0.05
 """Share of outliers that are more than outliers; noise over range that no radio has."""
 CLOCKS = 0.5
 """Standard deviation, s, of the offset between the clocks of positions and ranges: nobody has set them together."""
+OFFSET = re.compile(r"([-+])(\d{1,2}):?(\d{2})?")
+"""A time zone as hours and minutes ahead of UTC."""
 
 
 def locate_log(
     path: str, *, out: str | None, tags: tuple[str, ...], sigma: float | None, gps_sigma: float, bias: float,
-    altitude: float | None,
+    altitude: float | None, vehicle: int | None, positions: str | None, range_name: str | None,
+    range_columns: tuple[str, ...], units: str | None, timezone: str | None, params: str | None,
 ) -> int:  # fmt: skip
     """Locate every tag of a log, and write the map: the command line of `locate`. Raises Refused."""
     source = Path(path)
     with refusing(source):
         flown = _mission(source)
-        try:
-            log = read_log(source) if flown is None else read_log(source, flown.file.ranging.name)
-        except RunError as error:
-            empty = isinstance(error, EmptyLogError)
-            raise Refused(str(error), Exit.NOTHING_HEARD if empty else Exit.USAGE) from None
+        name = range_name or (flown.file.ranging.name if flown is not None else ReadOptions().range_name)
+        unit = None if units is None else meters_in(units)
+        if units is not None and unit is None:
+            raise Refused(f"--units {units}: is no unit: {', '.join(UNITS)}, or the number of meters in one")
+        options = ReadOptions(name, unit, range_columns, _zone(timezone), vehicle)
+        with _busy(f"reading {printable(source.name)}"):
+            logs = _read(source, options, positions)
         if flown is not None:
             sigma = flown.file.ranging.sigma_m if sigma is None else sigma
             altitude = flown.height.target_altitude if altitude is None else altitude
-        plane, unknown = log.plane(), [tag for tag in tags if tag not in log.ranges]
+        jobs = [(log, tag) for log in logs if len(log.positions) > 1 for tag in log.ranges]
+        unknown = [tag for tag in tags if tag not in (known for _, known in jobs)]
         if unknown:
-            raise Refused(f"--tag {unknown[0]}: not in {source}, which has: {', '.join(map(repr, log.ranges))}")
-        ground = float(log.track(plane).up.min())
-        known = Knowledge(
-            up=ground if altitude is None else altitude, up_sigma=50.0 if altitude is None else 1.0,
-            gps_sigma=gps_sigma, bias_sigma=bias, delay_sigma=CLOCKS,
-        )  # fmt: skip
-        found = ((tag, _one(log, plane, tag, sigma, known)) for tag in tags or log.ranges)
-        places = {tag: place for tag, place in found if place is not None}
+            found = ", ".join(repr(tag) for _, tag in jobs)
+            raise Refused(f"--tag {unknown[0]}: not in {source}, which has: {found}")
+        for note in dict.fromkeys(note for log in logs for note in log.notes):
+            say(f"note: {note}")
+        places = {}
+        for log, tag in jobs:
+            if tags and tag not in tags:
+                continue
+            ground = float(log.track(log.plane()).up.min())
+            known = Knowledge(
+                up=ground if altitude is None else altitude, up_sigma=50.0 if altitude is None else 1.0,
+                gps_sigma=gps_sigma, bias_sigma=bias, delay_sigma=CLOCKS,
+            )  # fmt: skip
+            place = _one(log, tag, sigma, known, search_unit=unit is None)
+            if place is not None:
+                places[tag] = place
         if not places:
             raise Refused(f"{source}: no target was located", Exit.NOTHING_HEARD)
-        _write(out, source, places, log)
+        _write(out, source, places, logs)
+        if params is not None:
+            say("\n".join(PARAMETERS[params](places)))
     return Exit.DONE
+
+
+def _read(source: Path, options: ReadOptions, positions: str | None) -> list[RangeLog]:
+    """Return the vehicles of the log, with the positions of another file if one is given. Raises Refused."""
+    try:
+        if positions is None:
+            return read_logs(source, options)
+        logs = read_logs(source, replace(options, positions=False, vehicle=None))
+        with refusing(positions):
+            carriers = read_logs(Path(positions), replace(options, ranges=False, range_columns=()))
+        return with_positions(logs, carriers, Path(positions))
+    except RunError as error:
+        empty = isinstance(error, EmptyLogError)
+        raise Refused(str(error), Exit.NOTHING_HEARD if empty else Exit.USAGE) from None
+
+
+def _zone(given: str | None) -> timezone | ZoneInfo | None:
+    """Return a time zone by its name or its offset. Raises Refused."""
+    if given is None:
+        return None
+    offset = OFFSET.fullmatch(given)
+    if offset and int(offset[2]) < 24:
+        ahead = timedelta(hours=int(offset[2]), minutes=int(offset[3] or 0))
+        return timezone(-ahead if offset[1] == "-" else ahead)
+    try:
+        return ZoneInfo(given)
+    except (ValueError, OSError, KeyError):
+        raise Refused(f"--timezone {given}: is no time zone, such as +02:00 or Europe/Vienna") from None
 
 
 def _mission(source: Path) -> Mission | None:
@@ -63,54 +118,71 @@ def _mission(source: Path) -> Mission | None:
         return load_mission(file)
 
 
-def _one(log: RangeLog, plane: Plane, tag: str, sigma: float | None, known: Knowledge) -> Place | None:
-    """A tag, with what is known of it printed."""
+def _busy(what: str) -> Progress:
+    """Return a line with the elapsed time, shown on a terminal while it is open."""
+    console = Console(stderr=True)
+    columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
+    line = Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal, redirect_stdout=False,
+        redirect_stderr=False,
+    )  # fmt: skip
+    line.add_task(escape(what), total=None)
+    return line
+
+
+def _one(log: RangeLog, tag: str, sigma: float | None, known: Knowledge, *, search_unit: bool) -> Place | None:
+    """Locate a tag, and print what is known of it."""
+    plane = log.plane()
     ranges, said = log.of(tag, sigma)
     track, known = log.track(plane), replace(known, sigma_known=said)
-    place = locate_as_it_shows(plane, track, ranges, known)
-    click.echo(f"{tag}: {len(ranges.r)} ranges")
+    say(f"{tag}: {len(ranges.r)} ranges{f' of {log.vehicle}' if log.vehicle else ''}")
+    with _busy(f"locating {tag}"):
+        place = locate_as_it_shows(plane, track, ranges, known)
+        found = place if isinstance(place, Place) else None
+        better = better_unit(plane, track, ranges, known, found) if search_unit else None
     if isinstance(place, NotYet):
-        click.echo(f"  WARNING    not located: {place.why}")
-        return None
-    _say(place, known)
-    return place
+        say(f"  WARNING    not located: {place.why}")
+    else:
+        _say(place, known)
+    if better is not None:
+        say(f"  WARNING    {better}")
+    return found
 
 
 def _say(place: Place, known: Knowledge) -> None:
     ellipse = place.ellipse
-    click.echo(f"  place      {place.words()}")
-    click.echo(
+    say(f"  place      {place.words()}")
+    say(
         f"  95 %       {ellipse.major:.1f} x {ellipse.minor:.1f} m, long axis {ellipse.azimuth:.0f} deg; the "
         f"positions' own error counts with {known.gps_sigma:g} m"
     )
     if not place.up_known:
-        click.echo(f"  height     {NOT_OBSERVABLE}")
+        say(f"  height     {NOT_OBSERVABLE}")
     error, sigma = place.range_error(place.range_scale)
     at = f"{error:+.2f} +-{sigma:.2f} m too long at {place.range_scale:.0f} m"
     bias = f"bias {place.bias:+.2f} +-{place.bias_sigma:.2f} m"
     scale = f"scale {1 + place.scale:.4f} +-{place.scale_sigma:.4f}" if place.scale_known else NO_SCALE
-    click.echo(f"  ranges     noise {place.noise:.2f} m; {at}")
-    click.echo(f"  radio      {bias}, {scale}")
+    say(f"  ranges     noise {place.noise:.2f} m; {at}")
+    say(f"  radio      {bias}, {scale}")
     late = f"positions are stamped {place.delay:+.2f} +-{place.delay_sigma:.2f} s later than ranges"
     known_clocks = place.delay_sigma < known.delay_sigma
-    click.echo(f"  clocks     {late if known_clocks else 'offset not observable: the distance hardly changes'}")
+    say(f"  clocks     {late if known_clocks else 'offset not observable: the distance hardly changes'}")
     total = place.used + place.outliers
-    if abs(place.up - known.up) > 3 * known.up_sigma:
-        click.echo(f"  WARNING    the ranges fit a target at {place.up:.0f} m only: are they slant ranges in metres?")
+    if not is_plausible(place, known):
+        say(f"  WARNING    the ranges fit a target at {place.up:.0f} m only: are they slant ranges in meters?")
     if place.outliers:
-        click.echo(f"  outliers   {place.outliers} of {total} left out")
+        say(f"  outliers   {place.outliers} of {total} left out")
     if place.outliers > MIXED * total or place.noise > POOR * place.range_scale:
-        click.echo("  WARNING    the ranges fit no single place well: two tags mixed? Give the CSV a column tag")
+        say("  WARNING    the ranges fit no single place well: two tags mixed? Give the CSV a column tag")
 
 
-def _write(out: str | None, source: Path, places: dict[str, Place], log: RangeLog) -> None:
+def _write(out: str | None, source: Path, places: dict[str, Place], logs: Sequence[RangeLog]) -> None:
     """GeoJSON, KML and the picture."""
     folder = Path(out) if out else source if source.is_dir() else source.parent
     name = "locate" if source.is_dir() else f"{source.stem}.locate"
     folder.mkdir(parents=True, exist_ok=True)
-    track = [(latitude, longitude) for _, latitude, longitude, _ in sorted(log.positions)]
-    table = geojson(places, track[:: max(1, len(track) // 5000)])
+    table = geojson(places, *tracks(logs))
     write_text(folder / f"{name}.geojson", table)
     write_text(folder / f"{name}.kml", kml(places))
     plot_map(folder / f"{name}.png", table, printable(str(source)))
-    click.echo(f"  written    {folder / name}.geojson, .kml, .png")
+    say(f"  written    {folder / name}.geojson, .kml, .png")

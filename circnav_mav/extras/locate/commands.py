@@ -9,8 +9,14 @@ ERROR = Finite(0.001, 1000)
 
 
 @command("circnav_mav.extras.locate.command:locate_log", short_help="Tell where the targets of a log are.")
-@click.argument("path", type=click.Path(), metavar="RUN|TLOG|CSV")
+@click.argument("path", type=click.Path(), metavar="RUN|LOG")
 @click.option("--tag", "tags", multiple=True, metavar="ID", help="Only this tag. May be repeated. [default: all]")
+@click.option("--vehicle", type=click.IntRange(1, 255), metavar="ID", help="Only this vehicle of a tlog (system id).")
+@click.option("--positions", type=click.Path(), metavar="FILE", help="Positions from here: GPX, .pos, NMEA, a log.")
+@click.option("--range-name", metavar="NAME", help="NAMED_VALUE, debug key or MESSAGE.FIELD that is the range.")
+@click.option("--range-column", "range_columns", multiple=True, metavar="NAME", help="Column of a CSV with ranges.")
+@click.option("--units", metavar="UNIT", help="Of the ranges: m, cm, ft, nmi ... [default: as the log says, or m]")
+@click.option("--timezone", metavar="ZONE", help="Of times without one: +02:00, Europe/Vienna. [default: UTC]")
 @click.option(
     "--sigma", type=ERROR, metavar="M", help="Noise of the ranges, where the log says none. [default: as it shows]"
 )
@@ -19,16 +25,17 @@ ERROR = Finite(0.001, 1000)
 @click.option(
     "--altitude", type=Finite(-1e6, 1e6), metavar="M", help="Of the target, where it is known; as the log counts it."
 )
+@click.option("--params", type=click.Choice(["px4", "ardupilot"]), help="Print the places as parameters, too.")
 @click.option("--out", type=Folder(), metavar="DIR", help="Where to write. [default: beside the log]")
 def locate() -> None:
     """Tell where the targets of a log are. Writes GeoJSON, KML and a picture.
 
-    A log is a run folder, a tlog with positions and ranges, or a CSV whose first line names time (s or ISO 8601),
-    latitude, longitude, range (m), and maybe altitude (m), sigma (m), tag. Exit codes: 0 located, 2 bad usage,
-    3 nothing to locate.
+    A log is a run folder, a tlog, an ArduPilot .BIN, a PX4 .ulg, or a CSV whose header names time (s or ISO 8601),
+    latitude, longitude, range, and maybe altitude, sigma, tag. Exit codes: 0 located, 2 bad usage, 3 nothing to locate.
 
     \b
     Examples:
         circnav locate runs/20260101-120000-quickstart
-        circnav locate collar.csv --tag 17 --out map
+        circnav locate flight.tlog --range-name UWB_DIST
+        circnav locate ranges.csv --units ft --positions rover.pos
     """

@@ -11,6 +11,7 @@ from xml.etree import ElementTree as Xml
 
 from pymavlink.dialects.v20 import all as dialect
 
+from circnav_mav.extras.locate.antimeridian import cut_line, cut_ring
 from circnav_mav.extras.locate.place import Place
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.mav.clocks import our_boot_ms
@@ -95,16 +96,24 @@ def ring(place: Place) -> list[list[float]]:
     return points
 
 
-def geojson(places: dict[str, Place], track: Iterable[tuple[float, float]] = ()) -> str:
-    """A FeatureCollection: of each target the point and its ellipse, and the vehicle's track (latitude, longitude)."""
+def geojson(places: dict[str, Place], *tracks: Iterable[tuple[float, float]]) -> str:
+    """Return a FeatureCollection: point and ellipse of each target, and the tracks of vehicles (latitude, longitude).
+
+    Shapes that cross 180 degrees of longitude are cut there.
+    """
     shapes: list[tuple[str, Any, dict[str, Any]]] = []
     for name, place in places.items():
         point = [round(place.longitude, 8), round(place.latitude, 8)]
         shapes.append(("Point", point, {"name": name, **place.plain()}))
-        shapes.append(("Polygon", [ring(place)], {"name": f"{name}, 95 %"}))
-    way = [[round(longitude, 7), round(latitude, 7)] for latitude, longitude in track]
-    if len(way) > 1:
-        shapes.append(("LineString", way, {"name": "vehicle"}))
+        areas = [[part] for part in cut_ring(ring(place))]
+        area = ("Polygon", areas[0]) if len(areas) == 1 else ("MultiPolygon", areas)
+        shapes.append((*area, {"name": f"{name}, 95 %"}))
+    for track in tracks:
+        way = [[round(longitude, 7), round(latitude, 7)] for latitude, longitude in track]
+        if len(way) > 1:
+            lines = cut_line(way)
+            line = ("LineString", lines[0]) if len(lines) == 1 else ("MultiLineString", lines)
+            shapes.append((*line, {"name": "vehicle"}))
     features = [
         {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": properties}
         for kind, coordinates, properties in shapes
@@ -125,9 +134,11 @@ def kml(places: dict[str, Place]) -> str:
         Xml.SubElement(point, "coordinates").text = f"{place.longitude:.8f},{place.latitude:.8f}"
         area = Xml.SubElement(document, "Placemark")
         Xml.SubElement(area, "name").text = f"{name}, 95 %"
-        boundary = Xml.SubElement(Xml.SubElement(area, "Polygon"), "outerBoundaryIs")
-        corners = " ".join(f"{longitude:.8f},{latitude:.8f}" for longitude, latitude in ring(place))
-        Xml.SubElement(Xml.SubElement(boundary, "LinearRing"), "coordinates").text = corners
+        shape = Xml.SubElement(area, "MultiGeometry")
+        for part in cut_ring(ring(place)):
+            boundary = Xml.SubElement(Xml.SubElement(shape, "Polygon"), "outerBoundaryIs")
+            corners = " ".join(f"{longitude:.8f},{latitude:.8f}" for longitude, latitude in part)
+            Xml.SubElement(Xml.SubElement(boundary, "LinearRing"), "coordinates").text = corners
     Xml.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root, encoding="unicode") + "\n"
 

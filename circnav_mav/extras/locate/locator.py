@@ -336,7 +336,7 @@ class Locator:
                 self._aims &= not result.refused
                 self._aimed_at = self._aimed_at if result.accepted else None  # without an answer, again
             elif result.refused and self._streams and result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
-                self._streams.denied(result.command)
+                self._streams.denied(result)
         if flies and (done or self._aims) and not self.only_hand_back:
             self._aim(None if done else place)
         messages = farewell + self._commands.poll(target, now)

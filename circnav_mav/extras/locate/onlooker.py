@@ -48,7 +48,7 @@ class Locating(Onlooker):
 
     @property
     def problem(self) -> str | None:  # type: ignore[override]
-        """What has failed, in one line."""
+        """Description of the failure, in one line; None if all works."""
         return self.locator.problem
 
     def start(self, epoch_us: int) -> None:

@@ -1,23 +1,23 @@
-"""What the survey adds to a flight's verdict and report."""
+"""The part of the survey in a flight's verdict and report."""
 
 from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
-from circnav_mav.runlog.run_folder import Flag, Number, Run
+from circnav_mav.runlog.run_folder import Run
 
 
 class SurveyedPlace(BaseModel):
     """The place of the target in summary.json. A moving one has a course."""
 
-    latitude_deg: Annotated[Number, Field(ge=-90, le=90)]
-    longitude_deg: Annotated[Number, Field(ge=-180, le=180)]
-    altitude_m: Number | None
-    sigma_m: Number
-    time_s: Number
-    moves: Flag
-    speed_mps: Number
-    course_deg: Number | None
+    latitude_deg: Annotated[float, Field(ge=-90, le=90)]
+    longitude_deg: Annotated[float, Field(ge=-180, le=180)]
+    altitude_m: float | None
+    sigma_m: float
+    time_s: float
+    moves: bool
+    speed_mps: float
+    course_deg: float | None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -29,7 +29,7 @@ class SurveyedPlace(BaseModel):
 def surveyed_place(run: Run) -> SurveyedPlace | None:
     """Return the place in a run's summary, None if there is none or it is damaged."""
     try:
-        return SurveyedPlace.model_validate(run.unread.get("place"))
+        return SurveyedPlace.model_validate(run.summary.get("place"))
     except ValidationError:
         return None
 

@@ -17,7 +17,7 @@ LAST_COMPANION = 194
 
 
 def _host_and_port(given: str) -> str:
-    """Where datagrams go: host:port."""
+    """Return an address for datagrams, host:port, if it is one."""
     host, _, port = given.rpartition(":")
     if not host or ":" in host or not host.isprintable() or not port.isdecimal() or not 0 < int(port) <= MOST_PORT:
         raise PydanticCustomError("host", f'must be host:port, port 1 .. {MOST_PORT}, such as "239.2.3.1:6969"')

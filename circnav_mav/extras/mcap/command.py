@@ -2,13 +2,12 @@
 
 from pathlib import Path
 
-import click
-
-from circnav_mav.cli.exits import Exit, Refused, refusing
+from circnav_mav.cli.exits import Exit, Refused, refusing, say
+from circnav_mav.foreign import open_file
 from circnav_mav.runlog.run_folder import RunError, open_run
 
 MAGIC = b"\x89MCAP0\r\n"
-"""How an MCAP file begins."""
+"""First bytes of an MCAP file."""
 
 
 def export_run(folder: str, mcap: str | None) -> int:
@@ -28,15 +27,15 @@ def export_run(folder: str, mcap: str | None) -> int:
         except ImportError:
             raise Refused("export --mcap needs the extra [mcap]: pip install 'circnav-mav[mcap]'") from None
     if run.damage_text is not None:
-        click.echo(f"  WARNING    {run.damage_text}")
-    click.echo(f"{path}: " + ", ".join(f"{count} messages on {topic}" for topic, count in counts.items()))
+        say(f"  WARNING    {run.damage_text}")
+    say(f"{path}: " + ", ".join(f"{count} messages on {topic}" for topic, count in counts.items()))
     return Exit.DONE
 
 
 def _check_place(path: Path) -> None:
     """Only an earlier export is written over. Raises Refused, OSError."""
     if path.is_file():
-        with path.open("rb") as file:
+        with open_file(path) as file:
             begin = file.read(len(MAGIC))
         if begin not in (MAGIC, b""):
             raise Refused(f"--mcap {path}: is there and no MCAP file, name another")

@@ -205,7 +205,7 @@ def _fixes(run: Run) -> Iterator[Said]:
 def _target(run: Run) -> Iterator[Said]:
     """The surveyed place of the target, as the summary has it."""
     try:
-        place = Surveyed.model_validate(run.unread.get("place"))
+        place = Surveyed.model_validate(run.summary.get("place"))
     except ValidationError:
         return
     variance = place.sigma_m**2

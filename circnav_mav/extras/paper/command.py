@@ -2,9 +2,7 @@
 
 from pathlib import Path
 
-import click
-
-from circnav_mav.cli.exits import Exit, refusing
+from circnav_mav.cli.exits import Exit, refusing, say
 from circnav_mav.extras.paper import paper
 from circnav_mav.extras.paper.paper import random_starts
 from circnav_mav.runlog.atomic_write import write_text
@@ -22,7 +20,7 @@ def reproduce_paper(out: str, starts: int, seed: int) -> int:
             findings, tracks = paper.study(example, random_starts(starts, seed))
             found.append(findings)
             for path in paper.draw(folder, example, tracks, min(SHOWN, starts - 1)):
-                click.echo(path)
+                say(str(path))
         write_text(folder / "table.md", paper.table(found) + "\n")
-    click.echo(f"{folder / 'table.md'}\n\n{paper.table(found)}")
+    say(f"{folder / 'table.md'}\n\n{paper.table(found)}")
     return Exit.DONE

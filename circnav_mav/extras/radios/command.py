@@ -5,9 +5,7 @@ from contextlib import closing
 from itertools import pairwise
 from math import inf, isfinite
 
-import click
-
-from circnav_mav.cli.exits import Exit, refusing
+from circnav_mav.cli.exits import Exit, refusing, say
 from circnav_mav.mav.clocks import quick_span, span_speed
 from circnav_mav.mission.preflight_ranging import outliers_among, residuals_of, spread_of
 from circnav_mav.pilot.survey import RangeHeard
@@ -32,12 +30,12 @@ def watch_radio(endpoint: str, seconds: float | None) -> int:
     with closing(link):
         heard = _listen(link, seconds or inf)
         for words, count in link.troubles.items():
-            click.echo(f"  WARNING    {words}" + (f" ({count} times)" if count > 1 else ""))
+            say(f"  WARNING    {words}" + (f" ({count} times)" if count > 1 else ""))
     return Exit.DONE if heard else Exit.NOTHING_HEARD
 
 
 def _listen(link: RadioLink, seconds: float) -> bool:
-    """Whether any range was heard."""
+    """True if any range was received."""
     beacons: dict[int, deque[RangeHeard]] = {}
     clock, stop = Clock(), StopRequest()
     due, now = PERIOD, 0.0
@@ -54,7 +52,7 @@ def _listen(link: RadioLink, seconds: float) -> bool:
         if now >= due:
             due += PERIOD
             for line in _lines(beacons, now):
-                click.echo(f"{now:6.1f} s  {line}")
+                say(f"{now:6.1f} s  {line}")
     return bool(beacons)
 
 
@@ -82,7 +80,7 @@ def _describe(beacon: int, ranges: list[RangeHeard], now: float) -> str:
 
 
 def _clock(ranges: list[RangeHeard]) -> str:
-    """How fast the radio's clock runs, and how evenly its ranges come by it."""
+    """Describe the speed of the radio's clock, and how evenly its ranges come by it."""
     if all(one.stamp == one.arrival for one in ranges):
         return "no clock"
     span = quick_span([(one.arrival, one.stamp) for one in ranges])

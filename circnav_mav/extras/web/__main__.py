@@ -9,7 +9,7 @@ import sys
 from collections import deque
 from collections.abc import AsyncIterator
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import uvicorn
 from starlette.applications import Starlette
@@ -18,6 +18,7 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, Response, StreamingResponse
 from starlette.routing import Route
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from circnav_mav.report.charts import with_charts
 
@@ -26,8 +27,9 @@ POLL = 0.1
 GRACE = 0.5
 """Time, s, for the last event to reach the browsers."""
 MOST_BROWSERS = 40
-MOST_CONNECTIONS = 500
-"""Those count, too, that were opened and ask for nothing."""
+"""Streams at a time. One more ends the oldest, whose browser asks again."""
+MOST_CONNECTIONS = 400
+"""Open connections, with or without a request. One more closes the oldest idle one."""
 NICENESS = 10
 """The flight comes first where there is too little of the processor."""
 LONGEST_LINE = 1 << 16
@@ -112,14 +114,15 @@ def application(history: History) -> Starlette:
     async def page(request: Request) -> Response:
         return HTMLResponse(PAGE, headers=HEADERS)
 
-    streams = 0
+    streams: dict[object, None] = {}
 
     async def stream() -> AsyncIterator[str]:
-        nonlocal streams
-        streams += 1
-        seen: int | None = None
+        if len(streams) >= MOST_BROWSERS:
+            streams.pop(next(iter(streams)))
+        me, seen = object(), None
+        streams[me] = None
         try:
-            while True:
+            while me in streams:
                 over, news, seen = history.over, history.since(seen), history.count
                 for event in news:
                     yield event
@@ -128,15 +131,39 @@ def application(history: History) -> Starlette:
                     return
                 await asyncio.sleep(POLL)
         finally:
-            streams -= 1
+            streams.pop(me, None)
 
     async def events(request: Request) -> Response:
-        if streams >= MOST_BROWSERS:
-            return Response("too many browsers are watching", status_code=503)
         return StreamingResponse(stream(), media_type="text/event-stream", headers=HEADERS)
 
     hosts = Middleware(TrustedHostMiddleware, allowed_hosts=["127.0.0.1", "localhost"])
     return Starlette(routes=[Route("/", page), Route("/events", events)], middleware=[hosts])
+
+
+class Connection(H11Protocol):
+    """One HTTP connection. Beyond MOST_CONNECTIONS the oldest idle one is closed, so that clients that open connections
+    and send requests slowly or not at all keep no browser out."""
+
+    _open: ClassVar[dict["Connection", None]] = {}
+
+    @property
+    def idle(self) -> bool:
+        """True if no request was received completely, all are answered, or the client does not read the answer."""
+        return self.cycle is None or self.cycle.response_complete or self.flow.write_paused
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self._open[self] = None
+        if len(self._open) > MOST_CONNECTIONS:
+            # A burst of requests can leave no other one idle. The new one is kept in any case: it may be the browser's.
+            others = list(self._open)[:-1]
+            oldest = next((one for one in others if one.idle), others[0])
+            del self._open[oldest]
+            oldest.transport.abort()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        super().connection_lost(exc)
+        self._open.pop(self, None)
 
 
 async def serve(listener: socket.socket) -> None:
@@ -145,8 +172,8 @@ async def serve(listener: socket.socket) -> None:
     reader = asyncio.StreamReader(limit=LONGEST_LINE)
     await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
     config = uvicorn.Config(
-        application(history), log_config=None, access_log=False, lifespan="off", ws="none",
-        limit_concurrency=MOST_CONNECTIONS, timeout_graceful_shutdown=1,
+        application(history), http=Connection, log_config=None, access_log=False, lifespan="off", ws="none",
+        timeout_graceful_shutdown=1,
     )  # fmt: skip
     server = uvicorn.Server(config)
     serving = asyncio.create_task(server.serve(sockets=[listener]))

@@ -15,10 +15,8 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-import click
-
 import circnav_mav
-from circnav_mav.cli.exits import Refused, refusing
+from circnav_mav.cli.exits import Refused, refusing, say
 from circnav_mav.mav.truth import is_truth_frame, relative_truth
 from circnav_mav.mission.schema import MOST_PORT
 from circnav_mav.pilot import Pilot, PilotSettings, TickRecord
@@ -132,7 +130,7 @@ def open_onlooker(given: OnlookerSettings) -> LivePage | None:
             truth=mission.flies_sim,
         )  # fmt: skip
     page.pace = PAGE_SPEED
-    click.echo(f"live page at {page.url}")
+    say(f"live page at {page.url}")
     return page
 
 
@@ -172,7 +170,7 @@ def _facts(pilot: Pilot, name: str, tolerance: float) -> dict[str, Any]:
         "name": name,
         "date": utc_minute(),
         "circle": pilot.settings.circles,
-        "radii": [orbit.radius, *(later.radius for later, _ in pilot.settings.later_circles)],
+        "radii": [orbit.radius, *pilot.settings.later_radii],
         "radius": orbit.radius,
         "tolerance": tolerance,
         "limit": orbit.max_turn_rate,

@@ -99,7 +99,10 @@ class KalmanRangeRate(Estimator):
         x, P = self._filter.x, self._filter.P
         F, Q = self._model(max(time - self._newest.time, 0.0))
         x, P = predict(x, P, F=F, Q=Q)
-        return RangeEstimate(time, float(x[0, 0]), float(x[1, 0]), sqrt(P[0, 0]), sqrt(P[1, 1]))
+        r, r_dot = float(x[0, 0]), float(x[1, 0])
+        if r < 0:  # a vehicle that flies straight over the target flies away from it afterwards
+            r, r_dot = -r, -r_dot
+        return RangeEstimate(time, r, r_dot, sqrt(P[0, 0]), sqrt(P[1, 1]))
 
     def _measure(self, component: int, h: float, z: float, sigma: float) -> bool:
         """Predict by h seconds and take in a measurement of a component of the state. Return False if it is outside

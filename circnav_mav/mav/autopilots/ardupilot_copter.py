@@ -3,9 +3,21 @@
 from math import degrees, floor, radians
 from types import MappingProxyType
 
+from pymavlink.dialects.v20 import all as dialect
+
 from circnav_mav.mav.autopilots.ardupilot import ARDUPILOT, FENCE, GCS_SYSTEM, ekf_action, gcs_failsafe
 from circnav_mav.mav.autopilots.interface import COPTER_TYPES, Addressee, Autopilot, body_velocity
-from circnav_mav.mav.autopilots.parameters import PASS, WARN, Context, Rule, Verdict, rule, timeout, velocity_limit
+from circnav_mav.mav.autopilots.parameters import (
+    PASS,
+    WARN,
+    Context,
+    Rule,
+    Verdict,
+    lean_limit,
+    rule,
+    timeout,
+    velocity_limit,
+)
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.setpoint_guard import Steer
 
@@ -55,6 +67,7 @@ class ArduCopter(Autopilot):
     exits = MappingProxyType({"loiter": 5, "rtl": 6, "land": 9, "brake": 17, "hold": 2})
     default_exit = "stop"
     shapes = frozenset({("SET_POSITION_TARGET_LOCAL_NED", MASK)})
+    echo = dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
     ground_speed_sigma = 0.02
     parameters = (
         rule("GUID_TIMEOUT", timeout("brakes and hovers in GUIDED")),
@@ -63,6 +76,7 @@ class ArduCopter(Autopilot):
         GCS_SYSTEM,
         rule("FS_EKF_ACTION", ekf_action("lands (1) or holds height (2), some 8 s after GPS is gone")),
         Rule((("WP_SPD", 1.0), ("WPNAV_SPEED", 0.01)), velocity_limit, unit="m/s"),
+        Rule((("ANGLE_MAX", 0.01),), lean_limit, optional=True, unit="deg"),
         Rule((("WPNAV_ACCEL", 0.01),), _acceleration, optional=True, unit="m/s^2"),
         FENCE,
     )

@@ -2,6 +2,8 @@
 
 from types import MappingProxyType
 
+from pymavlink.dialects.v20 import all as dialect
+
 from circnav_mav.mav.autopilots.ardupilot import ARDUPILOT, FENCE, GCS_SYSTEM, gcs_failsafe
 from circnav_mav.mav.autopilots.interface import PLANE_TYPES, Addressee, Autopilot, attitude
 from circnav_mav.mav.autopilots.parameters import (
@@ -40,6 +42,7 @@ class ArduPlane(Autopilot):
     exits = MappingProxyType({"loiter": 12, "rtl": 11, "hold": 7})
     why_no_stop = "a plane left in its mode loiters 3 s later, banking hard at once"
     shapes = frozenset({("SET_ATTITUDE_TARGET", MASK)})
+    echo = dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT
     needs = frozenset({"airspeed"})
     banks = measures_airspeed = cruises = True
     least_turn_gain = 0.72  # it slips in its turns (flown: .70 .. .75)

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import atan
+from math import atan, radians
 from typing import ClassVar, NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
@@ -13,7 +13,7 @@ from circnav_mav.mav.autopilots.parameters import Rule
 from circnav_mav.mav.clocks import our_boot_ms
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
-from circnav_mav.mav.frames import GRAVITY, YawRate, quaternion_from_euler
+from circnav_mav.mav.frames import GRAVITY, YawRate, euler_from_quaternion, quaternion_from_euler
 from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.setpoint_guard import Steer
 
@@ -23,10 +23,11 @@ PLAUSIBLE_AIRSPEED = (0.5, 1.6)
 TRUSTED_AGAIN = (0.6, 1.5)
 """Shares between which a doubted sensor is used again: at the bound itself thrust and bank would step each time that
 noise crosses it."""
-COPTER_TYPES = frozenset(
-    getattr(dialect, f"MAV_TYPE_{kind}")
-    for kind in ("QUADROTOR", "COAXIAL", "HELICOPTER", "HEXAROTOR", "OCTOROTOR", "TRICOPTER", "DODECAROTOR")
-)
+STANDING = 0.3
+"""Speed, m/s, below which a reported velocity has no direction."""
+VELOCITY_IGNORED = dialect.POSITION_TARGET_TYPEMASK_VX_IGNORE | dialect.POSITION_TARGET_TYPEMASK_AX_IGNORE
+COPTER_KINDS = "QUADROTOR COAXIAL HELICOPTER HEXAROTOR OCTOROTOR TRICOPTER DECAROTOR DODECAROTOR GENERIC_MULTIROTOR"
+COPTER_TYPES = frozenset(getattr(dialect, f"MAV_TYPE_{kind}") for kind in COPTER_KINDS.split())
 PLANE_TYPES = frozenset((dialect.MAV_TYPE_FIXED_WING,))
 
 
@@ -87,9 +88,8 @@ class Firmware:
 
     key: its name in mission files. autopilot: MAV_AUTOPILOT of its HEARTBEAT. flown: the version whose behaviour our
     messages were flown with. streams: message id -> Hz to ask for. mode_numbers: custom_mode -> parameters 2 and 3 of
-    MAV_CMD_DO_SET_MODE. bytewise: PARAM_VALUE carries the bytes of an integer, not its value. echoes_ranges: it sends a
-    DISTANCE_SENSOR that was forwarded to it a second time, under its own id. why_must_leave: why a flight must end by
-    a change of mode, and is not resumed after a takeover, for people; empty where neither is so.
+    MAV_CMD_DO_SET_MODE. bytewise: PARAM_VALUE carries the bytes of an integer, not its value. why_must_leave: why a
+    flight must end by a change of mode, and is not resumed after a takeover, for people; empty where neither is so.
     """
 
     key: str
@@ -98,7 +98,6 @@ class Firmware:
     streams: Mapping[int, float]
     mode_numbers: Callable[[int], tuple[int, ...]]
     bytewise: bool = False
-    echoes_ranges: bool = False
     why_must_leave: str = ""
 
 
@@ -142,6 +141,8 @@ class Autopilot(ABC):
     """How its velocity follows its nose; None where the nose shows the way."""
     least_turn_gain: ClassVar[float] = 1.0
     """The least realised over commanded turn rate to expect."""
+    echo: ClassVar[int | None] = None
+    """Id of the message in which it reports the setpoint that it flies; None if it reports none."""
 
     def __init__(self, facts: VehicleFacts) -> None:
         self._facts = facts
@@ -183,6 +184,24 @@ class Autopilot(ABC):
         """The bank of the coordinated turn, atan(w V/g), within the mission's limit; rad, right positive."""
         airspeed, most = to.motion.true_airspeed(self.airspeed(to.motion.airspeed)), self._facts.max_bank
         return min(max(atan(steer.yaw_rate * airspeed / GRAVITY), -most), most)
+
+
+def turn_in(message: Message) -> float | None:
+    """Return the turn in a setpoint, or in the vehicle's report of one, right positive: yaw rate (rad/s), or bank (rad)
+    where attitudes are flown; None if it holds none."""
+    kind, mask = message.get_type(), getattr(message, "type_mask", 0)
+    if kind in ("SET_ATTITUDE_TARGET", "ATTITUDE_TARGET"):
+        return euler_from_quaternion(message.q)[0]
+    if kind == "NAV_CONTROLLER_OUTPUT":
+        return radians(message.nav_roll)
+    if not mask & dialect.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE and hasattr(message, "yaw_rate"):
+        return float(message.yaw_rate)
+    if kind != "POSITION_TARGET_LOCAL_NED" or mask & VELOCITY_IGNORED:
+        return None
+    # ArduCopter does not report the yaw rate, but the velocity and the acceleration that we feed forward: a = V w to
+    # the right of the velocity. Once our setpoints have timed out both are 0, which is no turn.
+    speed2 = message.vx**2 + message.vy**2
+    return float((message.vx * message.afy - message.vy * message.afx) / speed2) if speed2 > STANDING**2 else 0.0
 
 
 def body_velocity(

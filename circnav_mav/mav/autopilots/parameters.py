@@ -2,15 +2,18 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import isfinite
+from math import isfinite, radians, sqrt, tan
 
 from circnav_mav.mav.check_result import Check, Grade
+from circnav_mav.mav.frames import GRAVITY
 
 PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
 SHORT_TIMEOUT, LONG_TIMEOUT = 0.5, 5.0
 """Seconds of silence before the vehicle's own answer: shorter trips over a hiccup, longer flies on blind."""
 SPEED_NEAR, SPEED_FAR = 0.05, 0.2
 """Fractions by which the speed that the autopilot holds may differ from the mission's: PASS, then WARN, then FAIL."""
+COMMON_WIND = 8.0
+"""Wind in which copters are commonly flown, m/s: a lean limit that allows less is worth a warning."""
 ROUNDING = 1e-6
 """Fraction by which the vehicle's 2.3, reported in 32 bits, and the mission's may differ."""
 
@@ -18,7 +21,8 @@ ROUNDING = 1e-6
 @dataclass(frozen=True, slots=True)
 class Context:
     """What a rule may know besides its value: the mission's speed (m/s), limits of turn rate (deg/s) and bank, bank at
-    full stick (deg) and tick (s), the vehicle's system id, and every parameter read."""
+    full stick (deg) and tick (s), the vehicle's system id, every parameter read, and the turn rate of the smallest
+    circle (rad/s)."""
 
     speed: float
     max_turn_rate_deg: float
@@ -27,6 +31,7 @@ class Context:
     tick: float
     system: int
     values: Mapping[str, float]
+    circle_turn_rate: float = 0.0
 
 
 Verdict = tuple[Grade, str]
@@ -122,6 +127,21 @@ bank_limit = at_least(
     "the mission's bank limit of {:g} deg is within it",
     "the autopilot banks less than the {:g} deg that the mission counts on: lower vehicle.max_bank_deg",
 )
+COPTER_DRAG = 0.3
+"""Drag of a bare quadrotor, 1/s, before a flight tells: simulated and flown ones have 0.15 to 1."""
+
+
+def lean_limit(degrees_: float, context: Context) -> Verdict:
+    """The lean that a copter may use: against the air at V plus wind, and to the inside of its circle, deg."""
+    push, inward = GRAVITY * tan(radians(min(max(degrees_, 0.0), 80.0))), context.speed * context.circle_turn_rate
+    wind = sqrt(max(push**2 - inward**2, 0.0)) / COPTER_DRAG - context.speed
+    leans = f"it leans {degrees_:g} deg at most"
+    if wind <= 0:
+        return WARN, f"{leans}: at a drag of {COPTER_DRAG:g}/s too little for {context.speed:g} m/s even in still air"
+    words = f"{leans}: at a drag of {COPTER_DRAG:g}/s {context.speed:g} m/s are held in wind up to {wind:.0f} m/s"
+    return (PASS if wind >= COMMON_WIND else WARN), words
+
+
 velocity_limit = at_least(
     lambda mission: mission.speed,
     "the mission's {:g} m/s is within it",

@@ -40,7 +40,6 @@ PX4 = Firmware(
     },
     mode_numbers=main_and_sub,
     bytewise=True,
-    echoes_ranges=True,
     why_must_leave="PX4 goes back to OFFBOARD by itself when setpoints resume",
 )
 

@@ -1,8 +1,10 @@
 """PX4 multicopter in OFFBOARD."""
 
+from pymavlink.dialects.v20 import all as dialect
+
 from circnav_mav.guidance.velocity_loop import VelocityLoop
 from circnav_mav.mav.autopilots.interface import COPTER_TYPES, Addressee, body_velocity
-from circnav_mav.mav.autopilots.parameters import at_least, rule, velocity_limit
+from circnav_mav.mav.autopilots.parameters import at_least, lean_limit, rule, velocity_limit
 from circnav_mav.mav.autopilots.px4 import OFFBOARD_RULES, PX4Vehicle
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import body_from_level
@@ -31,12 +33,14 @@ class PX4Copter(PX4Vehicle):
     vehicle_types = COPTER_TYPES
     shapes = frozenset({("SET_POSITION_TARGET_LOCAL_NED", MASK)})
     needs = frozenset({"altitude"})
+    echo = dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
     ground_speed_sigma = 0.05  # a drag that only the flight tells takes some of it
     velocity_loop = VelocityLoop(proportional=1.8, integral=0.4, derivative=0.2)  # MPC_XY_VEL_P_ACC, _I_, _D_
     parameters = (
         *OFFBOARD_RULES,
         rule("MC_YAWRATE_MAX", _yaw_rate_limit),
         rule("MPC_XY_VEL_MAX", velocity_limit, optional=True),
+        rule("MPC_TILTMAX_AIR", lean_limit, optional=True),
     )
 
     def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:

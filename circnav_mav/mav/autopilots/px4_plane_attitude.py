@@ -2,6 +2,8 @@
 
 from math import cos
 
+from pymavlink.dialects.v20 import all as dialect
+
 from circnav_mav.mav.autopilots.interface import PLANE_TYPES, Addressee, attitude
 from circnav_mav.mav.autopilots.parameters import least_airspeed, most_airspeed, rule
 from circnav_mav.mav.autopilots.px4 import OFFBOARD_RULES, PX4Vehicle
@@ -23,6 +25,7 @@ class PX4PlaneAttitude(PX4Vehicle):
     vehicle_types = PLANE_TYPES
     shapes = frozenset({("SET_ATTITUDE_TARGET", MASK)})
     needs = frozenset({"airspeed", "altitude", "climb"})
+    echo = dialect.MAVLINK_MSG_ID_ATTITUDE_TARGET
     banks = measures_airspeed = True
     least_turn_gain = 0.72  # as ArduPlane
     parameters = (*OFFBOARD_RULES, rule("FW_AIRSPD_MIN", least_airspeed), rule("FW_AIRSPD_MAX", most_airspeed))

@@ -18,6 +18,7 @@ class Reject(Enum):
 
     WRONG_SOURCE = "wrong_source"
     OTHER_SENSOR = "other_sensor"
+    AMBIGUOUS = "ambiguous"
     NOT_FINITE = "not_finite"
     NO_RANGE = "no_range"
     BELOW_MIN = "below_min"
@@ -38,6 +39,8 @@ class Reject(Enum):
 
 OTHERS = frozenset({Reject.WRONG_SOURCE.value, Reject.OTHER_SENSOR.value})
 """What is not ours to take, and no fault of our sensor."""
+EXPLAINED = frozenset({Reject.AMBIGUOUS.value, Reject.NO_HEIGHT.value})
+"""Reasons that the operator is shown with their remedy as long as they hold."""
 _CLOCK = frozenset({Reject.STAMP_JUMP.value, Reject.CLOCK.value})
 
 
@@ -60,11 +63,12 @@ class RangingSettings:
     repeat values faster than that. max_sigma: standard deviation, reported or measured, m, above which a range is of no
     use. rate_name: the NAMED_VALUE_FLOAT that carries the range rate, None for none. rate_sign: "opening" where it is
     positive away from the target, "closing" where it is positive towards it. rate_sigma_mps: standard deviation to
-    assume. calibration: error of the radio, taken off each reading.
+    assume. listens: False to steer without having listened for a second source. calibration: error of the radio, taken
+    off each reading.
     """
 
     message: str = "distance_sensor"
-    beacon_id: int | None = 0
+    beacon_id: int | None = None
     sensor_id: int | None = None
     orientation: int | None = None
     name: str = "RANGE"
@@ -81,6 +85,7 @@ class RangingSettings:
     rate_name: str | None = None
     rate_sign: str = "opening"
     rate_sigma_mps: float = 0.3
+    listens: bool = True
     calibration: Calibration = field(default_factory=Calibration)
 
 

@@ -1,7 +1,7 @@
 """Ranging telemetry to samples of range and range rate: which messages count, and why the others do not.
 
-The order of the checks is source, id, finite, "no range" codes, limits, quality, stamp; the innovation gate comes
-later, in the estimator. See `table` for what each message says.
+The order of the checks is source, id, finite, "no range" codes, limits, quality, one source only, stamp; the innovation
+gate comes later, in the estimator. See `table` for what each message says, and `sources` for what a source is.
 """
 
 from collections import Counter
@@ -15,7 +15,8 @@ from circnav_mav.guidance.types import SAME_TIME, RangeSample, RateSample
 from circnav_mav.mav.clocks import RemoteClock, Slower, nobody_tells
 from circnav_mav.mav.codec import Message, ids
 from circnav_mav.mav.identity import AUTOPILOT_COMPONENT, Sender
-from circnav_mav.mav.ranging.interface import OTHERS, RangingSettings, Reading, Reject, boot_stamp
+from circnav_mav.mav.ranging.interface import EXPLAINED, OTHERS, RangingSettings, Reading, Reject, boot_stamp
+from circnav_mav.mav.ranging.sources import SOURCE_SILENT, RangeSource, RangeSources
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 
 MISSED = 2.5
@@ -32,8 +33,6 @@ DOUBT = 0.5
 are older than they seem."""
 MOST_RATE = 3.0
 """A range rate of more than so many times V is none of this vehicle and its target."""
-SOURCE_SILENT = 5.0
-"""Silence of the first sensor heard, s, after which another one may take its place."""
 
 
 class RangeReader:
@@ -48,8 +47,11 @@ class RangeReader:
         self._kind = RANGING_MESSAGES[settings.message]
         self.clock = RemoteClock(slower, wrap=self._kind.stamp_wrap if settings.stamp == "sensor" else None)
         """The sensor's clock, on which its range rates are, too."""
+        self.sources = RangeSources(self._kind, settings)
         self.trusted: Sender | None = None
         """Whose ranges count, and from where."""
+        self._source: RangeSource | None = None
+        """Which of the sensors of the trusted sender counts."""
         self.rival: Sender | None = None
         """Who has sent the newest message, where it is a range like those of the trusted sender, from elsewhere."""
         self._with_vehicle = False
@@ -106,21 +108,34 @@ class RangeReader:
             return None
         return answer
 
-    def reject(self, reason: Reject) -> None:
-        """Count a rejection, also one decided further on (gate, stall)."""
-        self.rejected[reason.value] += 1
+    @property
+    def unexplained(self) -> int:
+        """Those of them whose reason is not shown to the operator otherwise."""
+        return self.refused - sum(self.rejected[reason] for reason in EXPLAINED)
+
+    def one_source(self, now: float) -> bool:
+        """True if the ranges are certainly those of one source."""
+        return self.sender_stays or (self.sources.listened(now) and not self._ambiguous(now))
+
+    def reject(self, reason: Reject, count: int = 1) -> None:
+        """Count rejections, also those decided further on (gate, stall)."""
+        self.rejected[reason.value] += count
 
     def _judge(
         self, message: Message, now: float, height: float | None, strangers: Collection[int], source: Hashable
     ) -> RangeSample | Reject | None:
         settings = self._settings
         reading, picked = self._kind.read(message), self._kind.picked(message, settings)
-        if reading is None or (self._kind.for_anything and not picked):
+        if reading is None:
             return None
         sender = Sender(*ids(message), source)
-        if not self._from_our_sensor(sender, now, strangers):
-            self.rival = self.rival if picked and not isinstance(reading, Reject) else None
-            return Reject.WRONG_SOURCE
+        fits = self._fits(sender, strangers)
+        slant = None if isinstance(reading, Reject) else reading.slant
+        sensor = self.sources.receive(message, slant, now, picked=picked and fits)
+        if self._kind.for_anything and not picked:
+            return None
+        if not fits or not self._counts(sender, sensor, now, picked=picked and slant is not None):
+            return Reject.OTHER_SENSOR if fits and sender == self.trusted else Reject.WRONG_SOURCE
         if not picked:
             return Reject.OTHER_SENSOR
         if isinstance(reading, Reject):
@@ -133,7 +148,10 @@ class RangeReader:
             return Reject.BELOW_MIN
         if reading.slant > settings.max_range_m:
             return Reject.ABOVE_MAX
-        if self.trusted not in (None, sender):
+        # before the engagement a second source may be the one that is meant; in flight it changes nothing any more
+        if self._ambiguous(now):
+            return Reject.AMBIGUOUS
+        if self.trusted is not None and (sender, sensor) != (self.trusted, self._source):
             self._begin_anew()
             self._with_vehicle = False
         carried = reading.stamp if settings.stamp == "sensor" else None
@@ -141,7 +159,8 @@ class RangeReader:
         rejection = self._order(reading, stamp, now)
         if rejection is not None:
             return rejection
-        self.trusted, self._sequence, self.slant = sender, reading.sequence, reading.slant
+        self.trusted, self._source = sender, sensor
+        self._sequence, self.slant = reading.sequence, reading.slant
         self._taken += 1
         self.clock.take(stamp, now)
         return self._sample(reading, stamp, now, height)
@@ -163,19 +182,25 @@ class RangeReader:
         flat = horizontal(reading.slant, sigma, height) if height else (reading.slant, sigma)
         return Reject.OVERHEAD if flat is None else RangeSample(stamp, time, *flat, source=self._kind.type)
 
-    def _from_our_sensor(self, sender: Sender, now: float, strangers: Collection[int]) -> bool:
-        """One sensor only, of the configured ids, from one address: the first heard, until it falls silent."""
+    def _ambiguous(self, now: float) -> bool:
+        return not self.sender_stays and self.sources.several(now)
+
+    def _fits(self, sender: Sender, strangers: Collection[int]) -> bool:
+        """True if a sender has the configured ids, and is not of another vehicle."""
         settings = self._settings
         if settings.system_id not in (None, sender.system) or settings.component_id not in (None, sender.component):
             return False
         # an autopilot's also where they were heard, and believed, before its heartbeat told what it is
         stays = self.sender_stays and sender == self.trusted and sender.component != AUTOPILOT_COMPONENT
-        if settings.system_id is None and sender.system in strangers and not stays:
-            return False
-        if self.trusted in (None, sender):
+        return settings.system_id is not None or sender.system not in strangers or stays
+
+    def _counts(self, sender: Sender, sensor: RangeSource, now: float, *, picked: bool) -> bool:
+        """True if ranges of this sensor count: it is the first one, or that one has fallen silent. picked: a range
+        that the mission picks, so that a second sender of it is a rival."""
+        if self.trusted is None or (sender, sensor) == (self.trusted, self._source):
             return True
         silent = now - self.clock.newest_at > SOURCE_SILENT
-        self.rival = None if silent or sender.source == self.trusted.source else sender
+        self.rival = sender if picked and not silent and sender.source != self.trusted.source else None
         return silent and not self.sender_stays
 
     def _order(self, reading: Reading, stamp: float, now: float) -> Reject | None:

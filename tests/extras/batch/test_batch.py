@@ -29,7 +29,7 @@ from circnav_mav.extras.bench.bench import judged, run
 from circnav_mav.extras.bench.table import draw, line, markdown
 from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator
-from circnav_mav.guidance.step import holding, steering
+from circnav_mav.guidance.step import Steering, holding
 from circnav_mav.guidance.turn_response import PendingTurn, Response
 from circnav_mav.guidance.types import Direction, OwnMotion, RangeSample
 from circnav_mav.mission.checks import check_mission
@@ -38,7 +38,7 @@ from circnav_mav.report import plots
 
 WINDY = Situation("windy", wind=5.0, duration=30.0)
 OUTAGE = Situation("outage", wind=5.0, ranging=Ranging(outage=10.0), duration=40.0)
-QUICKSTART = Path(__file__).parents[2] / "config" / "quickstart.toml"
+QUICKSTART = Path(__file__).parents[3] / "config" / "quickstart.toml"
 
 
 class InTheAir:
@@ -47,7 +47,7 @@ class InTheAir:
     def __init__(self, sense):
         ways = [Direction.COUNTERCLOCKWISE if s > 0 else Direction.CLOCKWISE for s in sense]
         orbits, choice = [replace(ORBIT, direction=way) for way in ways], tune(ORBIT)
-        self.flights = [(o, AutoEstimator(ESTIMATION), steering(o, choice), PendingTurn()) for o in orbits]
+        self.flights = [(o, AutoEstimator(ESTIMATION), Steering(o, choice), PendingTurn()) for o in orbits]
         self.answer = Response(0.0, TURN_LAG, 1 / TURN_LAG)
         self.newest = [-np.inf] * sense.size
         self.estimator = Auto(ESTIMATION, sense.size, ORBIT.speed)  # for its metrics alone
@@ -73,7 +73,7 @@ class InTheAir:
         if seen.arrived[i]:
             sample = RangeSample(now, now, float(seen.z[i]), float(seen.sigma[i]))
             self.newest[i] = self.newest[i] if estimator.observe(sample) is Fused.GATED else now
-            estimator.settle()
+            estimator.drift.bank.search()  # the batch searches at once
         estimate, pending = estimator.at(now), under_way.at(now, self.answer, float(seen.turn_rate[i]))
         if estimator.ready and now - self.newest[i] < STALE + 1e-6:
             command = steer(estimate, 0.0, pending).turn_rate

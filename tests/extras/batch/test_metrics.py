@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from circnav_mav.extras.batch import metrics
 from circnav_mav.extras.batch.metrics import tangent_time
+from circnav_mav.guidance.laws import settling_time
 
 TIME = np.arange(0, 100, 0.1)
 SPEED = {"V": 15.0, "r_d": 100.0, "max_turn_rate": 0.45}
@@ -56,3 +57,9 @@ def test_the_way_lies_between_straight_to_the_circle_and_a_turn_about_with_the_t
     way = 15.0 * tangent_time(p, np.array([psi]), np.array([sense]), **SPEED)[0]
     rho, tangent = 15.0 / 0.45, np.sqrt(r**2 - 100.0**2)
     assert r - 100.0 - 1e-6 <= way <= tangent + 2 * pi * rho + 2 * rho
+
+
+def test_the_settling_time_that_check_prints_is_the_dubins_time_of_the_worst_heading():
+    heading, away = np.radians(np.arange(0.0, 360.0)), np.stack([np.full(360, 500.0), np.zeros(360)])
+    worst = tangent_time(away, heading, np.ones(360), V=15.0, r_d=100.0, max_turn_rate=0.35).max()
+    assert settling_time(500.0, 15.0, 100.0, 0.35) == pytest.approx(worst, abs=1.0)

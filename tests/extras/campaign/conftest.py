@@ -4,10 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.conftest import circnav
-
-__all__ = ["circnav", "write"]
-
 CONFIG = Path(__file__).parents[3] / "config"
 START = """
 "start.range_m" = {uniform = [40, 300]}

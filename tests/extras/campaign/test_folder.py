@@ -9,6 +9,7 @@ import pytest
 
 from circnav_mav.extras.campaign.plan import CampaignError, load_campaign
 from circnav_mav.extras.campaign.store import Store
+from tests.command_line import FULL, ended
 from tests.process import python
 
 VARY = '"guidance.law" = ["smooth", "pi"]\n'
@@ -168,3 +169,9 @@ def test_a_full_disk_is_one_line_and_what_is_there_can_be_resumed(campaign, tmp_
     again.add(rows)
     again.close()
     assert [row["run"] for row in again.read()] == list("01234567")
+
+
+def test_an_output_that_is_full_is_one_line_that_names_it(write, full):
+    path = write(VARY)
+    ran = ended(path.parent, f"campaign {path} --runs 4 --processes 1", full)
+    assert (ran.returncode, ran.stderr) == (2, FULL)

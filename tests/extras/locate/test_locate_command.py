@@ -15,11 +15,11 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav import cli
 from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.extras.locate import map_picture
 from circnav_mav.extras.locate.estimator import Ranges, Track
 from circnav_mav.extras.locate.export import own_beacon
 from circnav_mav.extras.locate.place import Place, Plane
 from circnav_mav.extras.locate.range_log import RangeLog
-from circnav_mav.report import plots
 from tests.extras.locate.worlds import PLANE, circles
 from tests.small_mission import TEXT
 
@@ -107,9 +107,9 @@ def as_movebank(folder, track, ranges):
 def drawn(folder, monkeypatch):
     """Limits of the near picture of a log's map, and the east and north of what they must hold, m from the first."""
     figures = []
-    monkeypatch.setattr(plots, "save", lambda figure, path: figures.append(figure))
+    monkeypatch.setattr(map_picture, "save", lambda figure, path: figures.append(figure))
     table = (folder / "log.locate.geojson").read_text()
-    plots.plot_map(folder / "map.png", table, "map")
+    map_picture.plot_map(folder / "map.png", table, "map")
     near = figures[0].axes[1]
     points = [(one["latitude_deg"], one["longitude_deg"]) for one in places(folder / "log.locate.geojson").values()]
     for east, north in (Plane(*points[0]).to_metres(*point) for point in points):

@@ -2,7 +2,7 @@
 
 from cmath import phase
 from concurrent.futures import Future
-from contextlib import ExitStack
+from contextlib import closing
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.cli.connect import open_locating
+from circnav_mav.extras.locate import onlooker
 from circnav_mav.extras.locate.handback import HandBackSettings, Where
 from circnav_mav.extras.locate.locator import AFTER, STREAMS, LocateSettings, Locator
 from circnav_mav.extras.locate.place import Place, Plane
@@ -19,7 +19,7 @@ from circnav_mav.mav.ranging.interface import RangingSettings
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import VEHICLE
 from circnav_mav.pilot.loop_step import LoopStep
-from circnav_mav.runtime import locating as runtime
+from circnav_mav.runtime.onlookers import Onlookers, OnlookerSettings
 from circnav_mav.runtime.status import Watch
 from tests.flight.lockstep import CONFIG
 from tests.rig import Rig, decode, scattering
@@ -116,18 +116,19 @@ def failing(monkeypatch):
     answer = Future()
     answer.set_exception(RuntimeError("the process is gone"))
     pool = SimpleNamespace(submit=lambda *job: answer, shutdown=lambda **how: None)
-    monkeypatch.setattr(runtime, "start_solver", lambda: pool)
+    monkeypatch.setattr(onlooker, "start_solver", lambda: pool)
     beside = Beside(handback=HandBackSettings(place=(47.3, 8.5))).run(3.0)
     monkeypatch.setattr(beside.locator, "job", lambda now: ())
     monkeypatch.setattr(beside.locator, "_own", lambda now: OwnMotion(now, 0.0, 0.0, 15.0))
     beside.locator._reckoning.where = Where(beside.rig.now, 0.0, 0.0, 3.0, 0j, 1.0, False)
-    return beside, runtime.Locating(beside.locator, "target", waits=True)
+    return beside, onlooker.Locating(beside.locator, "target", waits=True)
 
 
 def test_a_name_for_cursor_on_target_is_looked_up_before_the_flight():
     mission = load_mission(CONFIG / "quickstart.toml", ("locate.enabled=true", "locate.cot=localhost:6969"))
-    with ExitStack() as things:
-        assert open_locating(mission, Rig().pilot, None, things)._cot == ("127.0.0.1", 6969)
+    settings = OnlookerSettings(mission, Rig().pilot, None, {}, Onlookers())
+    with closing(onlooker.open_onlooker(settings)) as locating:
+        assert locating._cot == ("127.0.0.1", 6969)
 
 
 def turns(beside, locating, seconds, *others):
@@ -138,7 +139,7 @@ def turns(beside, locating, seconds, *others):
         lost = (mavlink.MAVLink_gps_raw_int_message(0, 1, 0, 0, 0, 1, 1, 0, 0, 9),
                 mavlink.MAVLink_ekf_status_report_message(0x12F, 0, 0, 0, 0, 0, 0))  # fmt: skip
         frames = [beside.rig.vehicle.say(message) for message in (*lost, *others)]
-        said += locating.turn(LoopStep(beside.rig.now, heard=[(VEHICLE, "vehicle", frames)]))
+        said += locating.on_step(None, LoopStep(beside.rig.now, heard=[(VEHICLE, "vehicle", frames)]), None)
     return [message for frame in said for message in decode(frame)]
 
 
@@ -149,7 +150,7 @@ def test_a_survey_that_fails_is_an_alarm_in_flight_and_leaves_the_hand_back_alon
         monkeypatch.setattr(beside.locator, broken, lambda *given: 1 / 0)
     given = [one for one in turns(beside, locating, 6.0) if one.get_type() == "COMMAND_INT"]
     assert given and beside.locator.handback.begun
-    status = Watch(beside.rig.pilot, beside.locator).status(beside.rig.pilot.take_records()[-1], beside.rig.now)
+    status = Watch(beside.rig.pilot, Onlookers([locating])).status(beside.rig.pilot.take_records()[-1], beside.rig.now)
     assert any("survey of the target stopped at" in alarm for alarm in status.alarms)
 
 
@@ -164,13 +165,13 @@ def test_a_vehicle_with_two_receivers_is_given_nothing_while_the_second_has_a_fi
 @pytest.mark.parametrize("how", ["the position is back", "a signal"])
 def test_streams_are_given_back_when_the_hand_back_ends_that_outlasts_guidance(how):
     beside = Beside(Rig(exit="stop"), handback=HandBackSettings(place=(47.3, 8.5))).run(3.0)
-    locating = runtime.Locating(beside.locator, "target", waits=True)
+    locating = onlooker.Locating(beside.locator, "target", waits=True)
     turns(beside, locating, 3.0)
     beside.rig.pilot.interrupt(beside.rig.now, "SIGINT")
     turns(beside, locating, 1.0)
     assert beside.rig.pilot.done and locating.busy
     back = mavlink.MAVLink_gps_raw_int_message(0, 3, 0, 0, 0, 1, 1, 0, 0, 9)
-    beside.locator.called_off = how == "a signal"
+    locating.called_off = how == "a signal"
     said = []
     while locating.busy and beside.rig.now < 30.0:
         said += turns(beside, locating, 0.05, *([back] if how == "the position is back" else ()))

@@ -140,3 +140,55 @@ def test_the_surveyed_place_of_the_target_is_a_fix_on_the_map_and_one_that_was_d
     assert (fix.latitude, fix.longitude) == (-35.3632621, 149.1652374)
     assert list(fix.position_covariance) == [2.25, 0, 0, 0, 2.25, 0, 0, 0, 0]
     assert at == (EPOCH_US + 18_000_000) * 1000
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
+
+def test_an_export_is_written_over_nothing_that_is_no_export_and_one_that_fails_leaves_the_earlier_one_whole(
+    circnav, run, monkeypatch
+):
+    before = contents(run)
+    line = circnav("export", run, "--mcap", run / "mission.toml").refused
+    assert line == f"--mcap {run / 'mission.toml'}: is there and no MCAP file, name another"
+    assert "is there and no file" in circnav("export", run, "--mcap", "/dev/null").refused
+    assert contents(run) == before
+    for _ in range(2):
+        assert circnav("export", run, "--mcap").done
+    before = contents(run)
+
+    def full(*arguments):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("circnav_mav.extras.mcap.export._tick_rows", full)
+    assert "No space left on device" in circnav("export", run, "--mcap").refused
+    assert contents(run) == before
+
+
+def test_wrong_usage_and_what_is_no_run_are_one_line(circnav):
+    assert circnav("export", "nowhere", "--mcap").refused.startswith("nowhere: no such run folder")
+    assert circnav("export", "nowhere").refused.startswith("export: say what to write: --mcap")
+
+
+# --- runs that are damaged ---
+
+
+def test_times_that_go_back_are_refused_with_their_line(circnav, run):
+    header, *rows = (run / "ticks.csv").read_text().splitlines()
+    last = rows[-1].split(",")
+    last[header.split(",").index("time")] = "0.0"
+    (run / "ticks.csv").write_text("\n".join([header, *rows[:-1], ",".join(last)]) + "\n")
+    line = circnav("export", run, "--mcap").refused
+    assert line.startswith(f"{run / 'ticks.csv'}: ") and "time: 0.000000 comes after " in line
+
+
+def test_a_manifest_without_end_is_refused(circnav, run):
+    (run / "manifest.json").write_text("[" * 100_000)
+    assert circnav("export", run, "--mcap").refused == f"{run / 'manifest.json'}: is nested too deeply"
+
+
+def test_a_log_that_was_cut_is_exported_and_called_cut(circnav, run):
+    log = run / "flight.tlog"
+    log.write_bytes(log.read_bytes()[: log.stat().st_size // 3])
+    assert "cut off or damaged at byte" in circnav("export", run, "--mcap").done

@@ -14,6 +14,7 @@ from circnav_mav.extras.paper.paper import (
     study,
     table,
 )
+from tests.command_line import ended
 
 STARTS = random_starts(60, 3)
 
@@ -71,3 +72,26 @@ def test_the_table_shows_another_gain_with_its_own_radius():
     found, _ = study(Example(1, "smooth", 0.02, R_D), random_starts(5, 1), 100.0)
     assert found.reached == pytest.approx((found.example.predicted,) * 2, abs=0.01)
     assert f"| {found.example.predicted:.5f} m" in table([found])
+
+
+def test_the_paper_is_six_figures_and_a_table(circnav, tmp_path):
+    assert "10.98684 m" in circnav("paper", "--out", tmp_path / "paper", "--starts", "1").done
+    names = {path.name for path in (tmp_path / "paper").iterdir()}
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in (tmp_path / "paper").glob("*.png"))
+    assert names == {f"example_{n}_{kind}.png" for n in (1, 2, 3) for kind in ("track", "error")} | {"table.md"}
+
+
+def test_wrong_usage_is_refused_and_nothing_is_written(circnav, mission):
+    assert circnav("paper", "--out", "mission.toml").refused == "mission.toml: File exists"
+    assert circnav("paper", "--starts", "1", "--out=").refused == "--out: is empty, give it a name"
+    for option in ("--starts=0", "--seed=-1"):
+        assert circnav("paper", option).code == 2
+    assert list(mission.parent.iterdir()) == [mission]
+
+
+def test_a_picture_that_finds_no_room_leaves_the_older_one_as_it_is(tmp_path):
+    (tmp_path / "p").mkdir()
+    (tmp_path / "p" / "example_1_track.png").write_text("older")
+    ran = ended(tmp_path, "paper --starts 1 --out p", limit="-f 10")
+    assert (ran.returncode, ran.stderr) == (2, "circnav: p/example_1_track.png: File too large\n")
+    assert [(path.name, path.read_text()) for path in (tmp_path / "p").iterdir()] == [("example_1_track.png", "older")]

@@ -141,3 +141,7 @@ def test_a_driver_is_named_before_its_port():
     assert split_driver("udpin:0.0.0.0:5005") == (None, "udpin:0.0.0.0:5005")
     with pytest.raises(DriverError, match="no driver 'linktrak'; there are dwm1001, lines, linktrack"):
         make_driver("linktrak")
+
+
+def test_a_time_to_watch_that_is_no_number_is_exit_code_2(circnav):
+    assert circnav("ranging", "watch", "lines:udpin:127.0.0.1:0", "--seconds", "nan").code == 2

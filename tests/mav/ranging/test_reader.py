@@ -12,16 +12,19 @@ from tests.rig import Voice
 # --- whose ranges ---
 
 
-def test_the_first_sensor_heard_is_the_only_one_taken_until_it_has_been_silent_for_five_seconds():
+def test_a_sensor_that_steers_is_the_only_one_taken_and_another_one_after_five_seconds_of_its_silence():
     ear, other = Ear(), Voice(2, 1)
     assert ear.distance(0, now=0.9, speaker=Voice(9, 9)) is None, "a rejected message makes nobody our sensor"
-    assert ear.distance(now=1.0) is not None
-    for speaker, now in ((other, 1.1), (Voice(1, 158), 1.2), (other, 5.9)):
+    assert ear.distance(now=6.0) is not None
+    ear.reader.sender_stays = True
+    for speaker, now in ((other, 6.1), (Voice(1, 158), 6.2), (other, 20.0)):
         assert ear.distance(now=now, speaker=speaker) is None
-    assert ear.rejected == {"no_range": 1, "wrong_source": 3}
+    assert ear.distance(now=20.1) is not None
+    ear.reader.sender_stays = False
+    assert ear.distance(now=20.2, speaker=other) is None
+    assert ear.rejected == {"no_range": 1, "wrong_source": 4}
     assert ear.reader.refused == 1, "ranges of other senders do no harm"
-    assert ear.distance(now=6.1, speaker=other) is not None
-    assert ear.distance(now=6.2) is None
+    assert ear.distance(now=26.1, speaker=other) is not None
 
 
 @pytest.mark.parametrize(

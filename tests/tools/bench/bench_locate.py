@@ -72,7 +72,7 @@ class Result:
 def fly(situation: Situation, seed: int) -> Result | None:
     """One flight; None where no place was found. What counts begins on the first circle."""
     flown = surveyed("quickstart", *WORLD, *situation.changes, f"sim.seed={seed}", law="auto", gps_sigma=situation.gps)
-    locator, later = flown.locator, len(flown.pilot.settings.later_circles)
+    locator, later = flown.locator, len(flown.pilot.settings.later_radii)
     assert locator is not None
     flown.solve_from = 1e9
     flown.fly(SETTLED)

@@ -14,7 +14,7 @@ from pathlib import Path
 from circnav_sim.config import load_vehicle
 from circnav_sim.vehicle import Vehicle
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 SETPOINT = 84
 LONGEST_WAIT = 0.05
 

@@ -8,19 +8,24 @@ the setpoints did, and what the operator was shown meanwhile. docs/safety.md has
 import argparse
 import sys
 from collections.abc import Callable
+from functools import partial
 from math import hypot
 from typing import Any
 
-from circnav_sim.faults import Impairment
-from circnav_sim.faults.frames import write
+from circnav_sim.faults import DOWN, UP, Impairment
+from circnav_sim.faults.frames import frames, write
 from circnav_sim.faults.intruders import speaking
+from circnav_sim.faults.link import Passage
 from pymavlink.dialects.v20 import all as mavlink
 
-from tests.flight.lockstep import true_radius
-from tests.tools.faults.cell import FRESH, Scenario, Verdict, Want, fly
-from tests.tools.faults.course import Course
+from circnav_mav.mission.load import load_mission
+from circnav_mav.pilot import Pilot
+from tests.flight.lockstep import CONFIG, true_radius
+from tests.frames import sender
+from tests.tools.faults.cell import FRESH, LAW, Scenario, Verdict, Want, fly
+from tests.tools.faults.course import PATIENT, SOURCE, Course
 from tests.tools.faults.scenarios.signing import BOTH
-from tests.tools.faults.tampering import acknowledgement
+from tests.tools.faults.tampering import acknowledgement, on
 
 VEHICLE, RADIO, OURS = (1, 1), (1, 192), (1, 191)
 OTHER_MODE = {"arducopter": 5, "arduplane": 12}
@@ -112,6 +117,19 @@ def twin_of_another_time(course: Course, now: float, n: int) -> list[bytes]:
     return [write(message, *VEHICLE, n & 255) for message in said]
 
 
+def guided(course: Course, now: float, n: int, *, version_1: bool = False) -> list[bytes]:
+    """The vehicle's heartbeat, in our mode."""
+    mode = course.pilot.session.adapter.guided_mode
+    beat = mavlink.MAVLink_heartbeat_message(KIND[course.profile], 3, 0x81, mode, 4, 3)
+    return [bytes(beat.pack(mavlink.MAVLink(None, *VEHICLE), force_mavlink1=version_1))]
+
+
+def listening_twin(course: Course, now: float, n: int) -> list[bytes]:
+    """The vehicle's heartbeat, and the time since boot that the vehicle has."""
+    time = mavlink.MAVLink_system_time_message(0, round(1000 * now))
+    return [write(time, *VEHICLE, n & 255), *guided(course, now, n)]
+
+
 def flood(datagram: bytes) -> Say:
     return lambda course, now, n: [datagram] * 4
 
@@ -128,6 +146,25 @@ def by(say: Say, rate: float, *, until: float | None = None) -> Callable[[Course
             return [] if over else say(course, course.now, next(spoken))
 
         course.strangers.append(speaking(rate, words))
+
+    return arrange
+
+
+def while_mode_is_unknown(say: Say) -> Callable[[Course, int], None]:
+    """A stranger sends while the heartbeats of the vehicle are lost for 2.3 s; all else of it arrives. CURRENT_MODE is
+    the first report of its mode that arrives afterwards."""
+
+    def arrange(course: Course, seed: int) -> None:
+        since = course.now + 2.0
+        course.link.tampers.append(
+            on(0, lambda frame, now: [] if since <= now < since + 2.3 and sender(frame) == VEHICLE else [frame])
+        )
+        report = mavlink.MAVLink_current_mode_message(0, *[course.pilot.session.adapter.guided_mode] * 2)
+        frame = bytes(report.pack(mavlink.MAVLink(None, *VEHICLE)))
+        course.link.intruders.append(
+            speaking(20.0, lambda n: [frame] if since + 2.2 <= course.now < since + 2.25 else [])
+        )
+        by(say, 10.0)(course, seed)
 
     return arrange
 
@@ -161,6 +198,71 @@ HELD_BACK: dict[str, Any] = {**FRESH, "lasts": PATIENCE, "want": Want.SAFE, "che
 """What becomes of an attack that begins before the flight: the vehicle is not engaged while it lasts."""
 
 
+AFTER_SILENCE: dict[str, Any] = {
+    "down": Impairment(outages=((0.0, 20.0),)),
+    "want": Want.SAFE,
+    "lasts": 25.0,
+    "after": 35.0,
+}
+"""The vehicle is not received for 20 s."""
+
+
+def taken_for_it(course: Course, seed: int) -> None:
+    """What docs/safety.md admits without a key: the stranger is taken for the vehicle, and the display shows both."""
+    course.forgeable = True
+    by(lambda course, now, n: listening_twin(course, now, n) + ranges(1.3, 0.1)(course, now, n), 10.0)(course, seed)
+
+
+IS_REJECTED = "the vehicle has a second sender: 1/1 at sim is rejected, 1/1 at 10.9.9.9:6666 counts"
+
+
+def said_again_after_a_restart(course: Course, seed: int) -> None:
+    """Vehicle and radio are recorded for 20 s. We start again, both are silent, and a stranger sends the record."""
+    record: list[bytes] = []
+    course.link.tampers.append(lambda way, data, now: (record.append(data) if way == DOWN else None, [(way, data)])[1])
+    course.fly(course.now + 20.0)
+    course.link.tampers[:] = [lambda way, data, now: [(way, data)] if way == UP else []]
+    course.restart()
+    since = course.now
+
+    def say(course: Course, now: float, n: int) -> list[bytes]:
+        taken, vehicle = course.pilot.tracker.accepted, course.pilot.session.identity.home
+        if (taken or vehicle) and not course.broken:
+            course.broken.append(f"{now - since:.1f} s after the restart: {taken} ranges taken, vehicle {vehicle}")
+        return record[20 * n : 20 * n + 20]
+
+    by(say, 20.0)(course, seed)
+
+
+def second_circnav(*overrides: str) -> Callable[[Course, int], None]:
+    """Another circnav on the same vehicle. A hub passes everything of the vehicle to both, and nothing between them."""
+
+    def arrange(course: Course, seed: int) -> None:
+        mission = load_mission(CONFIG / f"{course.profile}.toml", (*PATIENT, f'guidance.law="{LAW}"', *overrides))
+        second, start = Pilot(mission.pilot_settings()), course.now
+
+        def overhear(way: str, data: bytes, now: float) -> list[Passage]:
+            if way == DOWN:
+                second.receive(data, now - start, SOURCE)
+            return [(way, data)]
+
+        def steer(now: float) -> list[Passage]:
+            sent = frames(second.step(now - start))
+            second.take_frames(), second.take_records()
+            return [(UP, frame) for frame in sent]
+
+        course.link.tampers.append(overhear)
+        course.link.intruders.append(steer)
+
+    return arrange
+
+
+def to_loiter(course: Course, seed: int) -> None:
+    """Anybody may change the mode of a vehicle that has no key: an operator does no other."""
+    mode = mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, OTHER_MODE[course.profile], 0, 0, 0, 0, 0)
+    course.link.intruders.append(speaking(1.0, lambda n: [write(mode, 255, 190, n & 255)], direction=UP))
+
+
 def no_raw_text(course: Course) -> str | None:
     """What the vehicle said is fit for a terminal."""
     said = course.pilot.session.texts
@@ -184,12 +286,21 @@ ATTACKS = [
     attack("reboot, battery, attitude of the vehicle", by(state, 10.0), VEHICLES),
     attack("answers of the vehicle", by(answers, 20.0), VEHICLES),
     attack("frames in our name", by(in_our_name, 10.0), OUR),
+    *(
+        attack(f"{name} while its mode is not reported for 2.3 s", while_mode_is_unknown(say), VEHICLES)
+        for name, say in (
+            ("MAVLink 1 in the vehicle's name", partial(guided, version_1=True)),
+            ("the vehicle's name and its time since boot", listening_twin),
+        )
+    ),
     attack(
         "frames in the vehicle's name after a silence",
         by(twin_of_another_time, 4.0),
-        "rebooted",
-        want=Want.END,
-        down=Impairment(outages=((0.0, 20.0),)),
+        VEHICLES,
+        **{**AFTER_SILENCE, "want": Want.REGAIN},
+    ),
+    attack(
+        "name, time since boot and ranges of the vehicle after a silence", taken_for_it, IS_REJECTED, **AFTER_SILENCE
     ),
     first("the vehicle and its radio, six seconds early", whole_vehicle, VEHICLES),
     attack(
@@ -208,6 +319,13 @@ ATTACKS = [
             ("unknown ids", STRANGE * 30),
         )
     ),
+    attack("a second circnav with our ids", second_circnav(), "SECOND CONTROLLER: the vehicle answers", want=Want.SAFE),
+    attack(
+        "a second circnav with another id on another circle",
+        second_circnav("link.component_id=193", "orbit.radius_m=90.0"),
+        "SECOND CONTROLLER: the vehicle flies",
+        want=Want.SAFE,
+    ),
     attack("ESC in the vehicle's own texts", forged_address(escapes, 5.0), "PreArm", check=no_raw_text),
     attack("ranges 400 ms ahead, address forged", forged_address(drawing(0.4), 20.0), "SENSOR CLOCK", want=Want.SAFE),
     *(
@@ -218,6 +336,38 @@ ATTACKS = [
             ("reboot, battery, attitude of the vehicle", state),
             ("frames in our name", in_our_name),
         )
+    ),
+    *(
+        attack(f"{name}, link signed", by(say, 10.0), "unsigned frames", keys=BOTH)
+        for name, say in (
+            ("ranges of the radio, 400 ms ahead", drawing(0.4)),
+            ("mode of the vehicle", heartbeat),
+            ("frames in our name", in_our_name),
+        )
+    ),
+    attack(
+        "the vehicle and its radio, six seconds early, link signed",
+        by(whole_vehicle, 10.0),
+        "unsigned frames",
+        **{**HELD_BACK, "want": Want.ENGAGE, "check": None},
+        down=Impairment(outages=((0.0, 6.0),)),
+        keys=BOTH,
+    ),
+    attack(
+        "name, time since boot and ranges of the vehicle after a silence, link signed",
+        by(lambda course, now, n: listening_twin(course, now, n) + ranges(1.3, 0.1)(course, now, n), 10.0),
+        "unsigned frames",
+        **{**AFTER_SILENCE, "want": Want.REGAIN},
+        keys=BOTH,
+    ),
+    attack("flood of heartbeats of a stranger, link signed", by(flood(BEAT * 300), 50.0), "FLOOD", keys=BOTH),
+    attack("a command to the autopilot", to_loiter, "taken over, GUIDED left for", want=Want.END, reason="operator"),
+    attack(
+        "all frames of before a restart of ours, link signed",
+        said_again_after_a_restart,
+        "clock_behind frames refused",
+        keys=BOTH,
+        **{**HELD_BACK, "want": Want.ENGAGE, "check": None},
     ),
 ]
 HEAD = "| attack | setpoints | shown to the operator | result |\n|---|---|---|---|"

@@ -81,24 +81,39 @@ class Course:
             settings = replace(settings, stream_links=frozenset({VEHICLE}))
         self.stream = stream
         self.profile = profile
-        self.signing = Signing(keys[0]) if keys[0] is not None else None
-        self.pilot = Pilot(settings, self.signing)
+        self._settings, self._key = settings, keys[0]
+        self.signing: Signing | None = None
+        self._start_pilot()
         self.vehicle = _vehicle(mission.file.sim, profile, keys[1])
         self.wall: float = UNIX
         self.vehicle_wall: float | None = UNIX
         self.allowed = Allowed.of(settings)
         self.link = FaultLink()
-        self.spy = Spy(self.pilot.tracker.estimator)
-        self.pilot.tracker.estimator = self.spy  # type: ignore[assignment]
         self.witness = Witness(profile, keys[0])
         self.source = SOURCE
         self.strangers: list[Intruder] = []
         """Those who speak to the application from an address of their own, and before the vehicle does."""
+        self.forgeable = False
+        """True where the stranger may be taken for the vehicle, as docs/safety.md admits."""
         self.way_home = 0.0
         self._drift: float | None = None
         self.clock: Callable[[float], float] = float
         self.now = 0.0
         self.forget()
+
+    def _start_pilot(self) -> None:
+        """Start the application, also again: the timestamp of its key is kept."""
+        before, self.signing = self.signing, None if self._key is None else Signing(self._key)
+        if before is not None and self.signing is not None:
+            self.signing.resume(before.timestamp)
+        self.pilot = Pilot(self._settings, self.signing)
+        self.spy = Spy(self.pilot.tracker.estimator)
+        self.pilot.tracker.estimator = self.spy  # type: ignore[assignment]
+
+    def restart(self) -> None:
+        """The application is killed and started again at once."""
+        self._start_pilot()
+        self.witness.stood_still()
 
     @property
     def radius(self) -> float:
@@ -209,6 +224,8 @@ class Course:
                 self.broken.append(f"{self.now:.2f} s: {rule}")
             if self.pilot.mission.outcome is not None and not is_safe(frame):
                 self.broken.append(f"{self.now:.2f} s: steered after the end: {self.pilot.mission.outcome.reason}")
+            if self.pilot.session.reply_to == STRANGER and not self.forgeable:
+                self.broken.append(f"{self.now:.2f} s: setpoint sent to the stranger's address")
             self._judge_time()
         for record in records:
             if record.drift_x is not None and record.drift_y is not None:

@@ -128,7 +128,7 @@ class Target:
         elif self.ranging == "named_value_float":
             message = mavlink.MAVLink_named_value_float_message(ms, b"RANGE", r)
         else:
-            message = beacon(int(r * 1000), ms * 1000, ms // 50 & 255, beacon_id=self.settings.ranging.beacon_id)
+            message = beacon(int(r * 1000), ms * 1000, ms // 50 & 255, beacon_id=self.settings.ranging.beacon_id or 0)
         return write(message, *RADIO_IDS)
 
 

@@ -50,6 +50,7 @@ FAULTS = {
     "F22": "MAVLink 1, replays, and signed links",
     "F23": "attackers on the link",
     "F24": "vehicle, radio or computer stand still",
+    "F25": "several range sensors, and ranges faster than ticks",
 }
 BY_FAULT = (
     "| | fault | levels | circnav | held to, RMS % of the radius | back within, s | silent or safe within, s "
@@ -135,7 +136,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m tests.tools.faults.matrix", description="Flies the fault matrix.")
     parser.add_argument("--quick", action="store_true", help="one or two levels of each fault, two vehicles")
     parser.add_argument("--profile", choices=PROFILES)
-    parser.add_argument("--fault", help="F1 .. F24")
+    parser.add_argument("--fault", help="F1 to F25")
     parser.add_argument("--level", help="part of the level's name")
     parser.add_argument("--law", default=LAW, help="guidance.law of the missions")
     parser.add_argument("--seed", type=int, default=1)

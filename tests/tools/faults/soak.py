@@ -1,92 +1,126 @@
-"""python -m tests.tools.faults.soak [--hours 10] [--law smooth] [--profile arducopter]: a long flight in lockstep.
+"""python -m tests.tools.faults.soak [--hours 10] [--law smooth] [--profile arducopter]: a long flight of `circnav fly`.
 
-The pilot and the recorder as the product has them, the bundled vehicle, real bytes, one manual clock. The 32-bit
-milliseconds since boot of the autopilot and those of the ranging radio wrap on the way. Prints one line an hour.
+The command as it is installed, in a process of its own, with the bundled vehicle in lockstep. The 32-bit milliseconds
+since boot of the autopilot and those of the ranging radio wrap on the way. Prints one line for each hour: the circle by
+the simulator's truth, the gaps between setpoints, and the memory of the process.
 """
 
 import argparse
+import os
+import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from circnav_mav.runlog.ticks import read_ticks, read_truth
-from tests.flight.lockstep import Flight, clockwise_turns, rms_error, true_radius
-from tests.flight.recorded import EPOCH_US, recorded_flight
-from tests.tools.faults.fuzz import resident_mb
+from circnav_mav.runlog.replay import SETPOINT_IDS
+from circnav_mav.runlog.run_folder import open_run
+from circnav_mav.runlog.ticks import Truth
+from circnav_mav.runlog.tlog import message_id, read_tlog
+from tests.process import ROOT, UNDRAWN
 
 WRAP = 2**32 / 1000
 """Time, s, after which 32 bits of milliseconds begin anew: 49.7 days."""
 HOUR, SETTLING = 3600.0, 150.0
+LOOK_EVERY = 0.2
+"""Wall time, s, between two readings of the memory of the process."""
+Memory = list[tuple[float, float]]
+"""Time of the flight, s, and resident memory, MB."""
 
 
-def account(flight: Flight, since: float) -> str:
-    """What was seen of a flight since some time: the radius, the turns and the gaps between setpoints."""
-    truths = [truth for truth in flight.truths if truth.time >= since]
-    if len(truths) < 2:
-        return "too short to be judged"
-    desired = flight.pilot.settings.orbit.radius
-    rms, worst = rms_error(truths, desired), max(abs(true_radius(truth) - desired) for truth in truths)
-    gaps = 1000 * np.diff([at for at, _ in flight.vehicle.setpoint_log if at >= since])
-    return (
-        f"RMS {rms:.2f} m ({100 * rms / desired:.1f} %), worst {worst:.2f} m, {clockwise_turns(truths):+.1f} turns "
-        f"clockwise, setpoint gaps median {np.median(gaps):.0f} ms, worst {gaps.max():.0f} ms"
-    )
-
-
-def soak(folder: Path, profile: str, law: str, hours: float) -> Iterator[str]:
-    """Fly, and tell each hour. The autopilot's clock wraps at a third of the flight, the radio's at two thirds."""
-    until = hours * HOUR
+def command(folder: Path, profile: str, law: str, seconds: float) -> tuple[str, ...]:
+    """Arguments of the flight. The autopilot's clock wraps at a third of the flight, the radio's at two thirds."""
     changes = (
         f'guidance.law="{law}"',
-        f"limits.duration_s={until + HOUR}",
         "sim.truth.rate_hz=1",
-        f"sim.vehicle.boot_age_s={WRAP - until / 3}",
-        f"sim.ranging.clock_offset_s={WRAP - 2 * until / 3}",
+        f"sim.vehicle.boot_age_s={WRAP - seconds / 3}",
+        f"sim.ranging.clock_offset_s={WRAP - 2 * seconds / 3}",
     )
-    flight = recorded_flight(folder, profile, *changes)
-    memory: list[tuple[float, float]] = []
-    while flight.now < until and not flight.pilot.done:
-        since = max(flight.now, SETTLING)
-        flight.fly(min(flight.now + HOUR, until))
-        memory.append((flight.now / HOUR, resident_mb()))
-        yield f"{flight.now / HOUR:6.2f} h: {account(flight, since)}, RSS {memory[-1][1]:.1f} MB"
-        flight.truths.clear()
-        flight.sent.clear()
-    assert flight.recorder is not None
-    flight.recorder.close()
-    pilot, mission = flight.pilot, flight.pilot.mission
-    outcome = f"ended: {mission.outcome.reason}" if mission.outcome else f"still {mission.phase.value}"
-    yield (
-        f"{outcome}; ranges taken {pilot.tracker.accepted}, rejected {dict(pilot.tracker.ranging.rejected)}; "
-        f"reboots seen {pilot.session.vehicle.reboots}; recording: {flight.recorder.problem or 'whole'}"
+    overrides = [word for change in changes for word in ("--set", change)]
+    return ("fly", profile, "--duration", str(seconds), "--out", str(folder), *overrides)
+
+
+def flown(folder: Path, profile: str, law: str, seconds: float) -> Iterator[tuple[float, float]]:
+    """Flight time, s, and resident memory, MB, again and again while a flight is flown into a folder."""
+    arguments = [sys.executable, "-c", UNDRAWN, *command(folder, profile, law, seconds)]
+    ticks = folder / "ticks.csv"
+    with (folder.parent / "screen").open("w") as screen:
+        process = subprocess.Popen(arguments, cwd=ROOT, stdout=screen, stderr=subprocess.STDOUT)
+        try:
+            while process.poll() is None:
+                time.sleep(LOOK_EVERY)
+                with suppress(OSError, IndexError):  # nothing is recorded yet, or the process has just ended
+                    with ticks.open("rb") as file:
+                        file.seek(max(ticks.stat().st_size - 2000, 0))
+                        whole = file.read().split(b"\n")[1:-1]
+                    yield float(whole[-1].split(b",")[0]), resident_mb(process.pid)
+        finally:
+            process.kill()
+            process.wait()
+
+
+def resident_mb(pid: int) -> float:
+    """Memory of a process that is in RAM, MB."""
+    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def memory_slope(memory: Memory) -> float:
+    """Growth of the memory, MB/h, after the first fifth of the flight and before its end."""
+    end = memory[-1][0]
+    late = [(at / HOUR, mb) for at, mb in memory if end / 5 < at < end]
+    return float(np.polyfit(*zip(*late, strict=True), 1)[0])
+
+
+def account(truth: Truth, setpoints: np.ndarray, since: float, until: float, desired: float) -> str:
+    """The circle and the gaps between setpoints of a part of the flight."""
+    seen = (truth.time >= since) & (truth.time < until)
+    error, gaps = truth.radius[seen] - desired, 1000 * np.diff(setpoints[(setpoints >= since) & (setpoints < until)])
+    if not len(error) or not len(gaps):
+        return "too short to be judged"
+    rms = float(np.sqrt(np.mean(error**2)))
+    return (
+        f"RMS {rms:.2f} m ({100 * rms / desired:.1f} %), worst {np.abs(error).max():.2f} m, "
+        f"setpoint gaps median {np.median(gaps):.0f} ms, worst {gaps.max():.0f} ms"
     )
-    late = [(at, mb) for at, mb in memory if at > hours / 5] if len(memory) > 4 else memory
-    if len(late) > 1:
-        yield f"memory slope after the first fifth: {np.polyfit(*zip(*late, strict=True), 1)[0]:+.2f} MB/h"
-    sizes = ", ".join(f"{path.name} {path.stat().st_size / 1e6:.1f} MB" for path in sorted(folder.iterdir()))
-    yield f"files: {sizes}"
-    before, began = resident_mb(), time.monotonic()
-    ticks, truth = read_ticks(folder), read_truth(folder, EPOCH_US)
-    yield (
-        f"read back: {len(ticks.time)} ticks, {len(truth.time) if truth else 0} truths in "
-        f"{time.monotonic() - began:.0f} s, {resident_mb() - before:+.0f} MB"
-    )
+
+
+def soak(folder: Path, profile: str, law: str, seconds: float) -> Iterator[str]:
+    """Fly, and report each hour while the flight goes on; then the circle, the recording and the end of the flight."""
+    memory: Memory = []
+    for at, mb in flown(folder, profile, law, seconds):
+        if memory and at // HOUR > memory[-1][0] // HOUR:
+            yield f"{at / HOUR:6.2f} h: memory {mb:.1f} MB"
+        memory.append((at, mb))
+    yield (folder.parent / "screen").read_text()[-1000:].rpartition("mode ")[2]
+    end, ended = memory[-1][0], max(mb for at, mb in memory if at == memory[-1][0])
+    yield f"memory slope {memory_slope(memory):+.3f} MB/h, at the end {ended:.1f} MB ({end:.0f} s)"
+    run = open_run(folder)
+    truth, epoch, radius = run.truth, run.epoch_us, float(run.ticks.numbers["desired"][-1])
+    assert truth is not None
+    sent = [stamp for stamp, frame in read_tlog(folder / "flight.tlog") if message_id(frame) in SETPOINT_IDS]
+    setpoints = (np.array(sent) - epoch) / 1e6
+    edges = [SETTLING, *np.arange(HOUR, truth.time[-1], HOUR), truth.time[-1]]
+    for since, until in pairwise(edges):
+        yield f"{since / HOUR:6.2f} to {until / HOUR:.2f} h: {account(truth, setpoints, since, until, radius)}"
+    yield f"ranges rejected {run.summary['samples_rejected']}, recording: {run.summary['recording_problem'] or 'whole'}"
+    yield "files: " + ", ".join(f"{path.name} {path.stat().st_size / 1e6:.1f} MB" for path in sorted(folder.iterdir()))
 
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.tools.faults.soak", description="A long flight in lockstep.")
     parser.add_argument("--hours", type=float, default=10.0)
     parser.add_argument("--law", default="smooth")
-    parser.add_argument("--profile", default="arducopter")
+    parser.add_argument("--profile", default="copter")
     options = parser.parse_args(arguments)
     began = time.monotonic()
     print(f"{options.hours:g} h of {options.profile}, law {options.law}", flush=True)
     with tempfile.TemporaryDirectory() as folder:
-        for line in soak(Path(folder), options.profile, options.law, options.hours):
+        for line in soak(Path(folder) / "run", options.profile, options.law, options.hours * HOUR):
             print(line, flush=True)
     print(f"flown in {time.monotonic() - began:.0f} s")
     return 0

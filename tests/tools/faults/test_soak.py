@@ -1,4 +1,4 @@
-"""A few minutes of the soak, with the wraps, and a small seeded share of the fuzzing. The ten hours and the million:
+"""Some minutes of the soak, with the wraps, and a small seeded share of the fuzzing. The ten hours and the million:
 python -m tests.tools.faults.soak, tests.tools.faults.fuzz."""
 
 from pathlib import Path
@@ -13,7 +13,7 @@ from tests.flight.recorded import EPOCH_US, recorded_flight
 from tests.frames import read
 from tests.tools.faults.files import assault_files
 from tests.tools.faults.fuzz import run
-from tests.tools.faults.soak import WRAP
+from tests.tools.faults.soak import WRAP, flown
 
 ATTITUDE, RANGE = 30, 132
 
@@ -43,6 +43,13 @@ def test_circle_is_held_through_the_wrap_of_the_49_days_counters(tmp_path: Path)
     for number, wraps_at in ((ATTITUDE, 70), (RANGE, 80)):
         assert all((stamp < 2**31) == (at > wraps_at - 0.01) for at, stamp in stamps[number])
         assert len(stamps[number]) > 900
+
+
+def test_memory_of_the_installed_command_does_not_grow_with_the_flight(tmp_path: Path) -> None:
+    """In the last 300 s: 3 kB/s, as two queues of the bundled vehicle once took, would be 1 MB."""
+    memory = [mb for at, mb in flown(tmp_path / "run", "quickstart", "auto", 450.0) if 150 < at < 450]
+    assert len(memory) > 5
+    assert max(memory) - memory[0] < 0.4
 
 
 @pytest.mark.parametrize("what", ["mutated", "valid", "flood"])

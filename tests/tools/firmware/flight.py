@@ -7,7 +7,7 @@ from math import degrees, pi
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 BEHIND_ARDUPILOT, BEHIND_PX4 = "ardupilot", "px4"
 
 

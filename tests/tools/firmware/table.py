@@ -26,6 +26,7 @@ from tests.tools.firmware.flight import ROOT, add_options, flight
 from tests.tools.firmware.fly import line, missing
 
 PAGE = ROOT / "docs" / "firmware.md"
+FLIGHTS = Path(__file__).with_name("flights.jsonl")
 MARKS = "<!-- flights -->\n", "<!-- end of flights -->\n"
 STARTS = ((70, True), (-70, False), (140, True), (-10, False), (-110, True))
 """Bearing of the target from the nose, deg, and whether clockwise; by seed."""
@@ -188,13 +189,13 @@ def write(lines: Iterator[str], page: Path = PAGE) -> None:
     page.write_text(before + MARKS[0] + "\n".join(["", *lines, ""]) + "\n" + MARKS[1] + after)
 
 
-def keep(flights: dict[tuple[str, int], dict[str, Any]], page: Path = PAGE) -> None:
-    """A line for each flight, row by row, beside the page."""
+def keep(flights: dict[tuple[str, int], dict[str, Any]], path: Path = FLIGHTS) -> None:
+    """Write a line for each flight, row by row."""
     lines = []
     for name, seed in [of for row in ROWS for of in sorted(flights) if of[0] == row.name]:
         one = {key: value for key, value in flights[name, seed].items() if key not in LEFT_OUT}
         lines.append(json.dumps({**one, "flight": {key: one["flight"][key] for key in OF_FLIGHT}}) + "\n")
-    page.with_suffix(".jsonl").write_text("".join(lines))
+    path.write_text("".join(lines))
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -206,6 +207,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--only", default="", help="rows whose name or options hold this")
     parser.add_argument("--dry", action="store_true", help="fly nothing, print the table of what is kept")
     parser.add_argument("--page", type=Path, default=PAGE)
+    parser.add_argument("--flights", type=Path, default=FLIGHTS)
     options, extra = parser.parse_known_args(arguments)
     rows = [row for row in ROWS if options.only in row.name or options.only in row.options]
     able = []
@@ -222,7 +224,7 @@ def main(arguments: list[str] | None = None) -> int:
         print("\n".join(lines))
     else:
         write(lines, options.page)
-        keep(flown, options.page)
+        keep(flown, options.flights)
     return 0
 
 

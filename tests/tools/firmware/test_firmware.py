@@ -136,11 +136,11 @@ def test_the_table_flies_only_what_is_missing_and_tells_the_median(
     assert "| 2 of 3 | 10, 2 of 3; truth disagrees in 1 | 0.81 |" in lines[1]
 
 
-def test_the_table_of_the_page_is_that_of_the_flights_beside_it(tmp_path: Path) -> None:
-    flown = table.told(table.PAGE.with_suffix(".jsonl"))
+def test_the_table_of_the_page_is_that_of_the_flights_that_are_kept(tmp_path: Path) -> None:
+    flown = table.told(table.FLIGHTS)
     assert "\n".join(table.table(list(table.ROWS), flown)) in table.PAGE.read_text()
-    table.keep(flown, tmp_path / "page.md")
-    assert (tmp_path / "page.jsonl").read_text() == table.PAGE.with_suffix(".jsonl").read_text()
+    table.keep(flown, tmp_path / "flights.jsonl")
+    assert (tmp_path / "flights.jsonl").read_text() == table.FLIGHTS.read_text()
 
 
 @pytest.mark.parametrize("vehicle", ["rover", "px4_copter"])

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
 
-HERE = Path(__file__).parents[2]
+HERE = Path(__file__).parents[3]
 PACKAGES = ("circnav_mav", "sim", "tests")
 ALL, WRITTEN = ("circnav_mav", "sim", "tests", "docs", "config"), (".py", ".md", ".toml", ".html")
 PRAGMA = re.compile(r"#\s*(noqa|type:|fmt:|ruff:)")

@@ -37,7 +37,7 @@ def test_a_small_house_is_counted_as_by_hand(tmp_path):
 
 
 def test_every_figure_of_this_house_is_printed(capsys):
-    measure.main([str(Path(measure.__file__).parents[2] / "circnav_mav")])
+    measure.main([str(Path(measure.__file__).parents[3] / "circnav_mav")])
     printed = capsys.readouterr().out
     assert "circnav_mav/guidance " in printed
     for line in ("on its way to a setpoint: ", "name a law: ", "name a vehicle: ", "name a ranging message: "):

@@ -5,7 +5,7 @@ from functools import partial
 from typing import Any
 
 from tests.frames import read, rewritten
-from tests.tools.faults.cell import Scenario, Want
+from tests.tools.faults.cell import FRESH, Scenario, Want
 from tests.tools.faults.course import Course
 from tests.tools.faults.scenarios.line import PX4
 from tests.tools.faults.tampering import Change, every, noise, offset, on, outliers, quantised, sometimes, stamps, stuck
@@ -102,6 +102,58 @@ STUCK = [
 ]
 
 
+def beside(**fields: int) -> Callable[[int], Change]:
+    """Another sensor of the same radio ranges to something else, at the same moments."""
+
+    def change(seed: int) -> Change:
+        return lambda frame, now: [frame, rewritten(frame, current_distance=4000 + round(10 * now) % 50, **fields)]
+
+    return change
+
+
+def few_setpoints(course: Course) -> str | None:
+    """A setpoint per range would be 100 and 1000 per second."""
+    sent = [time for time, _ in course.vehicle.setpoint_log if time > course.now - 10.0]
+    most = 10.0 / (0.75 * course.pilot.settings.timing.tick) + 1
+    return f"{len(sent)} setpoints in 10 s, at most {most:.0f}" if len(sent) > most else None
+
+
+def refused(level: str, key: str, **fields: int) -> Scenario:
+    """A second source from the start: not engaged, and the key that names one is told."""
+    more = {"want": Want.REFUSE, "reason": f"name yours with ranging.{key}", "quick": key == "sensor_id", **FRESH}
+    return tampered("F25", level, beside(**fields), profiles=("arducopter", "arduplane"), **more)
+
+
+SENSORS = [
+    refused("second sensor from the start", "sensor_id", id=9),
+    refused("other orientation from the start", "orientation", orientation=2),
+]
+SENSORS += [
+    tampered(
+        "F25",
+        "second sensor, ours is named",
+        beside(id=9),
+        want=Want.ENGAGE,
+        overrides=("ranging.sensor_id=0",),
+        **FRESH,
+    ),
+    tampered("F25", "second sensor in flight", beside(id=9), rejects=("other_sensor",), quick=True),
+]
+RATES = [
+    Scenario(
+        "F25",
+        f"ranges at {hz} Hz",
+        overrides=(f"sim.ranging.rate_hz={hz}.0", f"ranging.rate_hz={hz}.0"),
+        lasts=20.0,
+        after=10.0,
+        check=few_setpoints,
+        profiles=("arducopter", "arduplane"),
+        quick=hz == 100,
+    )
+    for hz in (100, 1000)
+]
+
+
 def stamped(level: str, shift: Callable[[float, float], float], **more: Any) -> Scenario:
     """The radio's clock, not the vehicle's."""
     return tampered("F13", level, lambda seed: stamps(shift), clocks=True, **more)
@@ -127,4 +179,4 @@ STAMPS = [
     stamped("two clocks by turns, 1 h apart", _alternating(3600.0), want=Want.SAFE),
     stamped("random within 1 s", lambda stamp, now: stamp + (stamp * 7919.0) % 1.0, want=Want.SAFE),
 ]
-RANGING = [*VALUES, *NOISE, *STUCK, *STAMPS]
+RANGING = [*VALUES, *NOISE, *STUCK, *SENSORS, *RATES, *STAMPS]

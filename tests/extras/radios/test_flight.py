@@ -56,7 +56,9 @@ def test_the_named_beacon_is_circled_through_an_outage_and_replayed_exactly(tmp_
     assert done.identical
 
 
-def test_without_a_name_the_first_beacon_heard_is_the_one(tmp_path):
-    pilot = radio_flight(tmp_path, "limits.duration_s=5").pilot
-    assert pilot.tracker.ranging.trusted == (1, 192, "10.0.0.9:4000 beacon 4")
-    assert pilot.tracker.ranging.rejected["wrong_source"] > 30
+def test_of_two_beacons_none_is_circled_until_one_is_named(tmp_path):
+    pilot = radio_flight(tmp_path, "limits.duration_s=5", "link.wait_s=20").pilot
+    assert pilot.mission.engaged_at is None
+    said = pilot.mission.outcome.reason
+    assert said.startswith("2 range sources: ") and "beacon_id 4 (33.3 m)" in said
+    assert said.endswith("name yours with ranging.beacon_id")

@@ -1,0 +1,132 @@
+"""ArduPilot's dataflash logs, binary (.BIN) and text (.log), read by pymavlink's DFReader."""
+
+import io
+from collections.abc import Iterator
+from contextlib import redirect_stderr, redirect_stdout
+from math import nan
+from pathlib import Path
+from typing import Any
+
+from pymavlink.DFReader import DFReader, DFReader_binary, DFReader_text
+
+from circnav_mav.extras.locate.logs.interface import FAR, FIX_3D, Format, ReadOptions, listed, with_fix
+from circnav_mav.extras.locate.place import Plane
+from circnav_mav.extras.locate.range_log import EmptyLogError, Position, RangeLog
+from circnav_mav.mav.ranging.distance_sensor import DOWNWARD
+from circnav_mav.runlog.run_folder import RunError
+
+BINARY, TEXT = b"\xa3\x95\x80", b"FMT, 128, "
+GOOD = 4
+"""RangeFinder::Status: the other states carry no distance."""
+EKF_ORIGIN = 0
+BEACONS = ("D0", "D1", "D2", "D3")
+GPS_EPOCH, LEAP_SECONDS = 315_964_800, 18
+"""GPS time zero in seconds since 1970, and the leap seconds since 2017."""
+WEEK = 604_800
+NO_READINGS = ("FMT", "FMTU", "UNIT", "MULT", "PARM", "MSG")
+"""Messages that describe the log or the autopilot; PARM has names and values, of which none is measured."""
+LIKE_RANGES = ("dist", "range", "rng", "slant")
+"""Beginnings of field names that may hold a range: offered if a log has no range of a known message."""
+Message = Any
+
+
+def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
+    # DFReader prints what it does not like, to both outputs, and raises exceptions of any kind on damaged files.
+    try:
+        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+            with path.open("rb") as file:
+                binary = file.read(len(BINARY)) == BINARY
+            reader = (DFReader_binary if binary else DFReader_text)(str(path), zero_time_base=True)
+            try:
+                log = _collect(reader, options)
+            finally:
+                reader.close()
+    except (RunError, OSError):
+        raise
+    except Exception as error:
+        raise RunError(f"cannot be read as a dataflash log: {error!r}") from None
+    return [log]
+
+
+def _collect(reader: DFReader, options: ReadOptions) -> RangeLog:
+    log, fixed = RangeLog(), None
+    tracks: dict[str, list[tuple[Position, bool | None]]] = {"POS": [], "XKF1": [], "GPS": []}
+    origin: tuple[Plane, float] | None = None
+    named, _, field = options.range_name.partition(".")
+    fields = {format.name: format.columns for format in reader.formats.values() if format.name not in NO_READINGS}
+    with_names = {name for name, columns in fields.items() if "Name" in columns and {"Val", "Value"} & set(columns)}
+    names = set[str]()
+    for time, message in _messages(reader, {"POS", "ORGN", "XKF1", "GPS", "RFND", "BCN", *with_names, named}):
+        kind = message.get_type()
+        match kind:
+            case "GPS" if getattr(message, "U", 1) and not getattr(message, "I", 0):
+                fixed = message.Status >= FIX_3D
+                tracks[kind].append(((time, message.Lat, message.Lng, message.Alt), fixed))
+                if log.epoch is None and getattr(message, "GWk", 0) > 0:
+                    log.epoch = GPS_EPOCH + message.GWk * WEEK + message.GMS / 1000 - LEAP_SECONDS - time
+            case "POS":
+                tracks[kind].append(((time, message.Lat, message.Lng, message.Alt), fixed))
+            case "ORGN" if message.Type == EKF_ORIGIN:
+                origin = Plane(message.Lat, message.Lng), message.Alt
+            case "XKF1" if origin is not None and not getattr(message, "C", 0):
+                latitude, longitude = origin[0].to_degrees(message.PE, message.PN)
+                tracks[kind].append(((time, latitude, longitude, origin[1] - message.PD), fixed))
+            case "RFND":
+                for tag, slant in _rangefinders(message):
+                    _add(log, tag, time, slant, options)
+            case "BCN" if message.Health:
+                for number, name in enumerate(BEACONS[: message.Cnt]):
+                    _add(log, f"beacon {number}", time, getattr(message, name), options)
+            case _ if kind in with_names:
+                names.add(message.Name)
+                if message.Name == options.range_name:
+                    value = message.Value if "Value" in fields[kind] else message.Val
+                    _add(log, options.range_name, time, value, options)
+        if kind == named and field in fields[kind]:
+            _add(log, options.range_name, time, getattr(message, field), options)
+    # The filter's position is what telemetry reports. The receiver's own is the last resort.
+    log.positions = next((track for rows in tracks.values() if len(track := with_fix(rows)) > 1), [])
+    if options.ranges and not log.ranges:
+        names |= {f"{name}.{one}" for name, columns in fields.items() for one in columns
+                  if one.lower().startswith(LIKE_RANGES) and not name.startswith(("RFND", "NKF", "XKF"))}  # fmt: skip
+        if names:
+            raise EmptyLogError(
+                f"no ranges in it: {DATAFLASH.ranges}, and none under the name {options.range_name!r}. Fields that may "
+                f"be ranges: {listed(names)}. Give one: --range-name NAME"
+            )
+    return log
+
+
+def _messages(reader: DFReader, wanted: set[str]) -> Iterator[tuple[float, Message]]:
+    """Yield the messages with their times, s since boot."""
+    while (message := reader.recv_match(type=wanted & {format.name for format in reader.formats.values()})) is not None:
+        if hasattr(message, "TimeUS"):
+            yield message.TimeUS / 1e6, message
+        elif hasattr(message, "TimeMS"):
+            yield message.TimeMS / 1e3, message
+
+
+def _rangefinders(message: Message) -> Iterator[tuple[str, float]]:
+    """Yield the names and distances of a RFND message; one that looks down measures the height."""
+    if hasattr(message, "Dist"):
+        if message.Orient != DOWNWARD and getattr(message, "Stat", GOOD) == GOOD:
+            yield f"rangefinder {message.Instance}", message.Dist
+        return
+    for number in (1, 2):  # logs of before 2019
+        distance = getattr(message, f"Dist{number}", 0.0)
+        if distance and getattr(message, f"Orient{number}", DOWNWARD) != DOWNWARD:
+            yield f"rangefinder {number - 1}", distance
+
+
+def _add(log: RangeLog, tag: str, time: float, slant: float, options: ReadOptions) -> None:
+    if 0 < slant <= FAR:
+        log.add(tag, time, slant * options.meters, nan)
+
+
+DATAFLASH = Format(
+    name="an ArduPilot dataflash log",
+    matches=lambda head: head.startswith((BINARY, TEXT)),
+    read=_read,
+    ranges="RFND of a rangefinder that does not look down, BCN",
+    positions="POS, XKF1 or GPS with a 3D fix",
+)

@@ -1,0 +1,108 @@
+"""Interface of the readers: options in, logs out."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timezone
+from pathlib import Path
+from typing import NamedTuple
+from zoneinfo import ZoneInfo
+
+from circnav_mav.extras.locate.range_log import Position, RangeLog
+from circnav_mav.foreign import printable
+from circnav_mav.mav.ranging.interface import RangingSettings
+
+METERS = {
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0),
+    **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetre", "centimetres"), 0.01),
+    **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), 0.001),
+    **dict.fromkeys(("dm", "decimeter", "decimeters"), 0.1),
+    **dict.fromkeys(("km", "kilometer", "kilometers", "kilometre", "kilometres"), 1000.0),
+    **dict.fromkeys(("ft", "feet", "foot"), 0.3048),
+    **dict.fromkeys(("yd", "yard", "yards"), 0.9144),
+    **dict.fromkeys(("mi", "mile", "miles"), 1609.344),
+    **dict.fromkeys(("nmi", "nm", "nauticalmiles"), 1852.0),
+}
+"""Meters in each unit of length, by the names used in headers and by --units. "nm" is the nautical mile: radios do not
+measure nanometers."""
+UNITS = ("m", "cm", "mm", "dm", "km", "ft", "yd", "mi", "nmi")
+"""Short names, as --units offers them."""
+FAR = 1e9
+"""Largest range or altitude accepted, m."""
+MOST_NAMES = 20
+"""Names that a message lists."""
+FIX_3D = 3
+"""Smallest fix type with a three-dimensional position, in MAVLink, ArduPilot and PX4 alike."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReadOptions:
+    """Facts about a log that the user gives.
+
+    range_name: name of the NAMED_VALUE messages that carry the range. unit: meters in the unit of the ranges, None for
+    the unit named in the log. range_columns: columns of a CSV with ranges. zone: time zone of times without one.
+    vehicle: the only vehicle to read (system id), None for all. positions, ranges: True if needed from the file.
+    """
+
+    range_name: str = RangingSettings().name
+    unit: float | None = None
+    range_columns: tuple[str, ...] = ()
+    zone: timezone | ZoneInfo | None = None
+    vehicle: int | None = None
+    positions: bool = True
+    ranges: bool = True
+
+    @property
+    def meters(self) -> float:
+        """Meters in the unit of the ranges, for a log whose format defines meters."""
+        return 1.0 if self.unit is None else self.unit
+
+
+class Format(NamedTuple):
+    """A format that can be read.
+
+    matches: True if the first bytes of a file are of this format. ranges, positions: what a range and a position are
+    called there.
+    """
+
+    name: str
+    matches: Callable[[bytes], bool]
+    read: Callable[[Path, ReadOptions], list[RangeLog]]
+    ranges: str
+    positions: str
+
+
+def sentences(text: str) -> Iterator[tuple[int, str]]:
+    """Yield the lines that are not empty, with their numbers."""
+    return ((number, line.strip()) for number, line in enumerate(text.splitlines(), 1) if line.strip())
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return names for a message, of many the first ones."""
+    several = sorted(map(printable, names))
+    more = f" and {len(several) - MOST_NAMES} more" if len(several) > MOST_NAMES else ""
+    return ", ".join(several[:MOST_NAMES]) + more
+
+
+def meters_in(unit: str) -> float | None:
+    """Return the meters in a unit of length, by its name or as a number; None if it is neither."""
+    if unit in METERS:
+        return METERS[unit]
+    try:
+        meters = float(unit)
+    except ValueError:
+        return None
+    return meters if 0 < meters < FAR else None
+
+
+def with_fix(rows: Sequence[tuple[Position, bool | None]]) -> list[Position]:
+    """Return the positions with a fix. Each comes with the state of the receiver: None before its first report."""
+    # Autopilots send positions before the GPS has a fix: near 0,0, or where they were switched off. If the receiver's
+    # state is in the log, only positions under a fix count. A log without it is taken as it is.
+    if all(fixed is None for _, fixed in rows):
+        return [position for position, _ in rows]
+    return [position for position, fixed in rows if fixed]
+
+
+def utc_seconds(moment: datetime, zone: timezone | ZoneInfo | None) -> float:
+    """Return the seconds since 1970 of a moment; one without a time zone is of `zone`, or of UTC."""
+    return (moment if moment.tzinfo else moment.replace(tzinfo=zone or UTC)).timestamp()

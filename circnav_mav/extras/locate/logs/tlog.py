@@ -1,0 +1,165 @@
+"""MAVLink telemetry logs: positions of every vehicle, each with the ranges of its own radios."""
+
+from dataclasses import dataclass, field
+from math import nan
+from pathlib import Path
+
+from pymavlink.dialects.v20 import all as dialect
+
+from circnav_mav.extras.locate.logs.interface import FAR, FIX_3D, Format, ReadOptions, listed, with_fix
+from circnav_mav.extras.locate.range_log import EmptyLogError, Position, Range, RangeLog
+from circnav_mav.foreign import printable
+from circnav_mav.mav.codec import Ids, Message, ids
+from circnav_mav.mav.ranging.interface import Reading, boot_stamp
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
+from circnav_mav.runlog.run_folder import RunError
+from circnav_mav.runlog.tlog import read_messages
+
+OURS = "CN_TEAST"
+"""A NAMED_VALUE_FLOAT of our own survey, whose RANGING_BEACON repeats a range that the log holds already."""
+NOT_VEHICLES = {
+    dialect.MAV_TYPE_ANTENNA_TRACKER, dialect.MAV_TYPE_GCS, dialect.MAV_TYPE_ONBOARD_CONTROLLER,
+    dialect.MAV_TYPE_GIMBAL, dialect.MAV_TYPE_ADSB, dialect.MAV_TYPE_CAMERA, dialect.MAV_TYPE_CHARGING_STATION,
+    dialect.MAV_TYPE_FLARM, dialect.MAV_TYPE_SERVO, dialect.MAV_TYPE_ODID, dialect.MAV_TYPE_BATTERY,
+    dialect.MAV_TYPE_PARACHUTE, dialect.MAV_TYPE_LOG, dialect.MAV_TYPE_OSD, dialect.MAV_TYPE_IMU,
+    dialect.MAV_TYPE_GPS, dialect.MAV_TYPE_WINCH,
+}  # fmt: skip
+"""Types of senders that may report a position but carry no radio of a flight."""
+NAMED = ("NAMED_VALUE_FLOAT", "NAMED_VALUE_INT")
+KINDS = {kind.id: kind for kind in RANGING_MESSAGES.values()}
+WANTED = {
+    dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
+    dialect.MAVLINK_MSG_ID_GPS_RAW_INT, dialect.MAVLINK_MSG_ID_NAMED_VALUE_INT, *KINDS,
+}  # fmt: skip
+
+
+@dataclass(slots=True)
+class _Sender:
+    """One MAVLink sender. vehicle: None before its first HEARTBEAT. fixed: None before its first GPS_RAW_INT."""
+
+    vehicle: bool | None = None
+    fixed: bool | None = None
+    positions: list[tuple[Position, bool | None]] = field(default_factory=list)
+    ranges: dict[str, list[Range]] = field(default_factory=dict)
+    names: set[str] = field(default_factory=set)
+
+
+def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
+    senders = dict[Ids, _Sender]()
+    newest = dict[str, tuple[float | None, float]]()
+    began: int | None = None
+    for stamp, message in read_messages(path, WANTED):
+        began = stamp if began is None else began
+        time = (stamp - began) / 1e6
+        sender = senders.setdefault(ids(message), _Sender())
+        match message.get_type():
+            case "HEARTBEAT":
+                sender.vehicle = message.type not in NOT_VEHICLES
+            case "GPS_RAW_INT":
+                sender.fixed = message.fix_type >= FIX_3D
+            case "GLOBAL_POSITION_INT":
+                place = message.lat / 1e7, message.lon / 1e7
+                sender.positions.append(((time, *place, message.alt / 1000), sender.fixed))
+            case kind:
+                if kind in NAMED:
+                    sender.names.add(message.name)
+                tag, reading = _tag(message, options.range_name), _reading(message)
+                if tag is None or reading is None or not 0 < reading.slant <= FAR:
+                    continue
+                one = reading.stamp, reading.slant
+                if newest.get(tag) != one:  # autopilots repeat a range
+                    newest[tag] = one
+                    slant, sigma = reading.slant * options.meters, (reading.sigma or nan) * options.meters
+                    sender.ranges.setdefault(tag, []).append((time, slant, sigma))
+    logs = _by_vehicle(senders, options)
+    for log in logs:
+        log.epoch = None if began is None else began / 1e6
+    return logs
+
+
+def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[RangeLog]:
+    """Pair the ranges of each radio with the positions of the vehicle that carries it."""
+    systems = sorted({system for system, _ in senders})
+    tracks = {system: track for system in systems if (track := _track(senders, system))}
+    chosen = tracks
+    if options.vehicle is not None:
+        if options.vehicle not in tracks:
+            found = ", ".join(map(str, tracks)) or "none"
+            raise RunError(f"--vehicle {options.vehicle}: it has no positions; vehicles with positions: {found}")
+        chosen = {options.vehicle: tracks[options.vehicle]}
+    logs = {system: RangeLog(track, vehicle=f"vehicle {system}") for system, track in chosen.items()}
+    only = next(iter(logs.values()), RangeLog()) if len(logs) <= 1 else None
+    strangers = []
+    for (system, component), sender in senders.items():
+        if OURS in sender.names or not sender.ranges or (system in tracks and system not in logs):
+            continue
+        # A radio with a system id of its own belongs to the only vehicle. Of several, its carrier is unknown.
+        carrier = logs.get(system, only)
+        if carrier is None:
+            strangers.append(f"{system}/{component}")
+        else:
+            carrier.ranges |= sender.ranges
+    everything = list(logs.values()) or [only or RangeLog()]
+    used = [log for log in everything if log.ranges or not options.ranges] or everything[:1]
+    if len(used) == 1:
+        used[0].vehicle = ""
+    if strangers:
+        line = (
+            f"ranges of {', '.join(strangers)} are left out: none of the vehicles {', '.join(map(str, tracks))} has "
+            "this system id; give --vehicle for the one that carries the radio"
+        )
+        if not any(log.ranges for log in used):
+            raise EmptyLogError(line)
+        used[0].note(line)
+    elif options.ranges and not any(log.ranges for log in used):
+        _name_values(senders, options)
+    return used
+
+
+def _track(senders: dict[Ids, _Sender], system: int) -> list[Position]:
+    """Return the positions of a system, empty if it is no vehicle."""
+    parts = {component: sender for (other, component), sender in senders.items() if other == system}
+    reported = [sender.vehicle for sender in parts.values() if sender.vehicle is not None]
+    if reported and not any(reported):
+        return []  # an antenna tracker, a ground station
+    # Companions repeat the position of their autopilot; the autopilot's own is component 1, or the first one.
+    ordered = sorted(parts, key=lambda component: (component != dialect.MAV_COMP_ID_AUTOPILOT1, component))
+    return next((track for component in ordered if (track := with_fix(parts[component].positions))), [])
+
+
+def _name_values(senders: dict[Ids, _Sender], options: ReadOptions) -> None:
+    """Raise EmptyLogError with the names in the log, if it has NAMED_VALUE messages."""
+    names = sorted(set[str]().union(*(sender.names for sender in senders.values() if OURS not in sender.names)))
+    if names:
+        raise EmptyLogError(
+            f"no ranges in it under the name {options.range_name!r}; names of NAMED_VALUE messages in it: "
+            f"{listed(names)}. Give one: --range-name {printable(names[0])}"
+        )
+
+
+def _reading(message: Message) -> Reading | None:
+    """Return what a ranging message carries, None if it carries no range."""
+    if message.get_type() == "NAMED_VALUE_INT":
+        return Reading(float(message.value), None, boot_stamp(message))
+    reading = KINDS[message.get_msgId()].read(message)
+    return reading if isinstance(reading, Reading) else None
+
+
+def _tag(message: Message, wanted: str) -> str | None:
+    """Return the name of the source of a range, None for a value of another name."""
+    sender = f"{message.get_srcSystem()}/{message.get_srcComponent()}"
+    match message.get_type():
+        case "DISTANCE_SENSOR":
+            return f"sensor {message.id} of {sender}"
+        case "RANGING_BEACON":
+            return f"beacon {message.beacon_id} of {sender}"
+    return f"{wanted} of {sender}" if message.name == wanted else None
+
+
+TLOG = Format(
+    name="a MAVLink telemetry log (tlog)",
+    matches=lambda head: len(head) > 8 and head[0] == 0 and head[8] in (0xFE, 0xFD),
+    read=_read,
+    ranges=f"{', '.join(kind.type for kind in RANGING_MESSAGES.values())}, NAMED_VALUE_INT",
+    positions="GLOBAL_POSITION_INT of a vehicle with a 3D fix",
+)

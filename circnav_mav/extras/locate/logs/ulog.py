@@ -1,0 +1,129 @@
+"""PX4's ULog files (.ulg), read by pyulog."""
+
+from importlib.util import find_spec
+from math import nan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from circnav_mav.extras.locate.logs.interface import FAR, FIX_3D, Format, ReadOptions, listed, with_fix
+from circnav_mav.extras.locate.place import Array
+from circnav_mav.extras.locate.range_log import EmptyLogError, Position, RangeLog
+from circnav_mav.mav.ranging.distance_sensor import DOWNWARD
+from circnav_mav.runlog.run_folder import RunError
+
+MAGIC = b"ULog\x01\x12\x35"
+INSTALL = "pyulog is not installed: pip install 'circnav-mav[ulog]', or convert it with ulog2csv"
+TOPICS = ["vehicle_global_position", "vehicle_gps_position", "sensor_gps", "distance_sensor", "ranging_beacon",
+          "debug_key_value"]  # fmt: skip
+
+
+def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
+    if find_spec("pyulog") is None:
+        raise RunError(INSTALL)
+    from pyulog.core import ULog
+
+    try:
+        data = ULog(str(path), TOPICS, True).data_list
+    except Exception as error:  # pyulog raises exceptions of any kind on damaged files
+        raise RunError(f"cannot be read as a ULog file: {error!r}") from None
+    log = RangeLog()
+    for topic in data:
+        _ranges(log, topic, options)
+    gps = next((topic.data for name in ("vehicle_gps_position", "sensor_gps") for topic in data
+                if topic.name == name and topic.multi_id == 0), None)  # fmt: skip
+    fused = next((topic.data for topic in data if topic.name == "vehicle_global_position"), None)
+    log.positions = _positions(fused, gps)
+    log.epoch = _epoch(gps)
+    if options.ranges and not log.ranges:
+        names = sorted({name for topic in data if topic.name == "debug_key_value" for name in _keys(topic.data)})
+        if names:
+            raise EmptyLogError(
+                f"no ranges in it: {ULOG.ranges}, and none under the name {options.range_name!r}; keys of "
+                f"debug_key_value in it: {listed(names)}. Give one: --range-name {names[0]}"
+            )
+    return [log]
+
+
+def _time(data: dict[str, Array]) -> Array:
+    """Seconds since boot. A sensor's own stamp is better than the time of publishing, where it is filled in."""
+    stamp = data["timestamp"]
+    sample = data.get("timestamp_sample", stamp)
+    return np.asarray(np.where(sample > 0, sample, stamp) / 1e6, float)
+
+
+def _positions(fused: dict[str, Array] | None, gps: dict[str, Array] | None) -> list[Position]:
+    """Return the filter's positions, else those of the receiver."""
+    if gps is not None:
+        time, fix = _time(gps), gps["fix_type"] >= FIX_3D
+    if fused is not None and len(fused["timestamp"]) > 1:
+        valid = fused.get("lat_lon_valid", np.ones(len(fused["lat"]))).astype(bool)
+        rows = list(zip(_time(fused), fused["lat"], fused["lon"], fused["alt"], strict=True))
+        state: list[bool | None] = [None] * len(rows)
+        if gps is not None:
+            at = np.searchsorted(time, [row[0] for row in rows], side="right") - 1
+            state = [bool(fix[index]) if index >= 0 else None for index in at]
+        return with_fix([(_floats(row), one) for row, one, good in zip(rows, state, valid, strict=True) if good])
+    if gps is None:
+        return []
+    if "latitude_deg" in gps:
+        latitude, longitude, altitude = gps["latitude_deg"], gps["longitude_deg"], gps["altitude_msl_m"]
+    else:  # PX4 before 1.14: degrees times ten million, mm
+        latitude, longitude, altitude = gps["lat"] / 1e7, gps["lon"] / 1e7, gps["alt"] / 1e3
+    rows = list(zip(time, latitude, longitude, altitude, strict=True))
+    return with_fix([(_floats(row), bool(one)) for row, one in zip(rows, fix, strict=True)])
+
+
+def _floats(row: tuple[Any, ...]) -> Position:
+    time, latitude, longitude, altitude = map(float, row)
+    return time, latitude, longitude, altitude
+
+
+def _epoch(gps: dict[str, Array] | None) -> float | None:
+    """Seconds from 1970 to the boot."""
+    if gps is None or "time_utc_usec" not in gps:
+        return None
+    known = np.flatnonzero(gps["time_utc_usec"] > 0)
+    return float(gps["time_utc_usec"][known[0]] / 1e6 - gps["timestamp"][known[0]] / 1e6) if len(known) else None
+
+
+def _ranges(log: RangeLog, topic: Any, options: ReadOptions) -> None:
+    data = topic.data
+    match topic.name:
+        case "distance_sensor":
+            good = (data["orientation"] != DOWNWARD) & (data.get("signal_quality", np.array(-1)) != 0)
+            slant, variance = data["current_distance"], data["variance"]
+            far = data["max_distance"]
+            good &= (far <= 0) | (slant < far)
+            tags = [f"distance sensor {topic.multi_id}"] * len(slant)
+            sigma = np.where(variance > 0, np.sqrt(np.maximum(variance, 0)), nan)
+        case "ranging_beacon":
+            slant, good = data["range"], np.ones(len(data["range"]), bool)
+            tags = [f"beacon {number}" for number in data["beacon_id"]]
+            sigma = np.where(data["range_accuracy"] > 0, data["range_accuracy"], nan)
+        case "debug_key_value":
+            slant, sigma = data["value"], np.full(len(data["value"]), nan)
+            tags = _keys(data)
+            good = np.array([name == options.range_name for name in tags])
+        case _:
+            return
+    for time, one, spread, tag, usable in zip(_time(data), slant, sigma, tags, good, strict=True):
+        if usable and 0 < one <= FAR:
+            log.add(tag, float(time), float(one) * options.meters, float(spread) * options.meters)
+
+
+def _keys(data: dict[str, Array]) -> list[str]:
+    """Return the keys of debug_key_value, which pyulog gives letter by letter."""
+    columns = [data[f"key[{index}]"] for index in range(10) if f"key[{index}]" in data]
+    letters = np.array(columns).T.astype(np.uint8)
+    return [bytes(row).split(b"\0")[0].decode("ascii", "replace") for row in letters]
+
+
+ULOG = Format(
+    name="a PX4 log (ULog)",
+    matches=lambda head: head.startswith(MAGIC),
+    read=_read,
+    ranges="distance_sensor that does not look down, ranging_beacon",
+    positions="vehicle_global_position or vehicle_gps_position with a 3D fix",
+)

@@ -1,0 +1,83 @@
+"""Finds ranges in another unit than meters by how well they fit the track."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from circnav_mav.extras.locate.estimator import Knowledge, Ranges, Track, locate
+from circnav_mav.extras.locate.logs.interface import METERS, UNITS
+from circnav_mav.extras.locate.place import Place, Plane
+
+FACTORS = {**{unit: METERS[unit] for unit in UNITS}, **{f"{factor:g}": factor for factor in (0.5, 2.0, 10.0, 100.0)}}
+"""Units that are tried, and factors of a radio in another mode than its driver expects: there and back, cm for mm."""
+TRIED = 120
+"""Ranges that are tried in each unit."""
+FITS = 0.005
+"""Noise over range up to which the unit is not questioned: the wrong one leaves more, but on a perfect circle."""
+BETTER = 0.5
+"""Noise in the better unit, as a share of the noise in meters, from which it is reported."""
+ALIKE = 1.25
+"""Noise over the least noise up to which two units fit equally well."""
+SLACK = 10.0
+"""What ranges and positions may contradict each other by, m."""
+
+
+@dataclass(frozen=True, slots=True)
+class BetterUnit:
+    """A unit in which the ranges fit better. gain: how many times less noise, None if they fit no place in meters."""
+
+    unit: str
+    place: Place
+    gain: float | None
+
+    def __str__(self) -> str:
+        better = f" {self.gain:.1f} times better" if self.gain else ""
+        way = f"in {self.unit}, not in m" if self.unit in METERS else f"multiplied by {self.unit}"
+        return f"the ranges fit{better} {way}: {self.place.words()}. If that is right, give --units {self.unit}"
+
+
+def is_plausible(place: Place, known: Knowledge) -> bool:
+    """True if the height of a place is one that was expected."""
+    return abs(place.up - known.up) <= 3 * known.up_sigma
+
+
+def better_unit(
+    plane: Plane, track: Track, ranges: Ranges, known: Knowledge, place: Place | None
+) -> BetterUnit | None:  # fmt: skip
+    """Return the unit in which the ranges fit by far better than in meters, None if there is none."""
+    if len(ranges.r) == 0 or len(track.time) < 2:
+        return None
+    doubtful = place is None or place.noise > FITS * place.range_scale or place.outliers > 0.25 * place.used
+    if not doubtful and place is not None and is_plausible(place, known):
+        return None
+    thin = ranges.take(np.arange(0, len(ranges.r), max(1, len(ranges.r) // TRIED)))
+    tried = ((unit, _tried(plane, track, thin, known, factor)) for unit, factor in FACTORS.items())
+    rough = {unit: found for unit, found in tried if found is not None}
+    meters = rough.pop("m", None)
+    if meters is not None and not is_plausible(meters, known):
+        meters = None
+    candidates = {unit: one.noise / FACTORS[unit] for unit, one in rough.items() if is_plausible(one, known)}
+    if not candidates:
+        return None
+    # On a circle round the target the range is constant. Several units fit then, each with another height of the
+    # target. The unit with the likeliest height is reported.
+    least = min(candidates.values())
+    alike = [unit for unit, noise in candidates.items() if noise <= ALIKE * least]
+    unit = min(alike, key=lambda unit: abs(rough[unit].up - known.up))
+    if meters is None:
+        return BetterUnit(unit, rough[unit], None)
+    gain = meters.noise / max(candidates[unit], 1e-6)
+    return BetterUnit(unit, rough[unit], gain) if gain > 1 / BETTER else None
+
+
+def _tried(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, factor: float) -> Place | None:
+    """Return the place for one unit, or None."""
+    r = ranges.r * factor
+    # No place is at these distances if the whole track is larger than twice the largest range, or if the range changes
+    # by more than the track is long.
+    extent = float(np.hypot(np.ptp(track.east), np.ptp(track.north)))
+    if 2 * r.max() < extent / 2**0.5 - SLACK or np.ptp(np.percentile(r, [5, 95])) > extent + SLACK:
+        return None
+    sigma = np.full(len(r), max(0.01 * float(np.median(r)), 0.01))
+    found = locate(plane, track, Ranges(ranges.time, r, sigma), replace(known, sigma_known=False))
+    return found if isinstance(found, Place) and not found.moves else None

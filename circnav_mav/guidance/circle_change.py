@@ -1,0 +1,86 @@
+"""A change of the circle in flight: another radius, direction or speed, from a mission's list of radii, the operator
+or a fleet. Every change is a request that is checked here, recorded, and replayed."""
+
+from dataclasses import dataclass, replace
+from math import inf, pi
+from typing import NamedTuple
+
+from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate, TurnRate
+
+LAPS = 1.25
+"""Laps on a circle of a mission's list before the next one begins: one lap, and the way into the band of NEAR."""
+NEAR = 0.1
+"""Radius error, in units of the radius, within which a turn counts as flown on the circle."""
+LONGEST_STEP = 0.2
+"""Most time, s, that counts between two steps: what was turned in a gap is not known."""
+MIN_INTERVAL = 0.1
+"""Least time, s, between two requests: twice the greatest rate at which a fleet spaces itself."""
+SPEED_SHARE = 0.2
+"""Most change of the mission's speed, as a share of it: what the mission's checks said holds about as well there."""
+
+
+class CircleRequest(NamedTuple):
+    """A request for another circle; None keeps a value. radius: m. speed: m/s. by: who asks, for people and the log."""
+
+    radius: float | None = None
+    direction: Direction | None = None
+    speed: float | None = None
+    by: str = ""
+
+    def applied(self, orbit: Orbit) -> Orbit:
+        """Return the orbit that is asked for."""
+        return replace(
+            orbit,
+            radius=orbit.radius if self.radius is None else self.radius,
+            direction=self.direction or orbit.direction,
+            speed=orbit.speed if self.speed is None else self.speed,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class CircleLimits:
+    """Which circles may be asked for. nearest, farthest: bounds of the range, m. speed: of the mission, m/s.
+    keeps_speed: True for a vehicle whose autopilot holds an airspeed of its own. turn_gain: least realized over
+    commanded turn rate to expect."""
+
+    speed: float
+    nearest: float = 0.0
+    farthest: float = inf
+    keeps_speed: bool = False
+    turn_gain: float = 1.0
+
+
+def obstacle(request: CircleRequest, orbit: Orbit, limits: CircleLimits) -> str:
+    """Return why a circle cannot be flown instead of `orbit`: value, limit and remedy, short enough for a STATUSTEXT;
+    empty if it can."""
+    wanted = request.applied(orbit)
+    if not limits.nearest < wanted.radius < limits.farthest:  # false for NaN, too
+        return f"radius {wanted.radius:g} m outside {limits.nearest:g} to {limits.farthest:g} m"
+    if wanted.speed != orbit.speed and limits.keeps_speed:
+        return "this autopilot holds its own airspeed"
+    low, high = limits.speed * (1 - SPEED_SHARE), limits.speed * (1 + SPEED_SHARE)
+    if not low <= wanted.speed <= high:
+        return f"speed {wanted.speed:g} m/s outside {low:g} to {high:g} m/s"
+    able = limits.turn_gain * wanted.max_turn_rate
+    if abs(wanted.steady_turn_rate) >= able:
+        least = wanted.speed / able
+        return f"radius {wanted.radius:g} m: turn rate allows {least:.0f} m"
+    return ""
+
+
+class LapCounter:
+    """Counts how far the vehicle has turned on its circle, by range and turn alone."""
+
+    def __init__(self) -> None:
+        self._turned, self._time = 0.0, inf
+
+    def complete(self, estimate: RangeEstimate, orbit: Orbit, turn_rate: TurnRate) -> bool:
+        """Count a steered step with this turn rate of the vehicle. Return True, and begin anew, after LAPS."""
+        dt = min(max(estimate.time - self._time, 0.0), LONGEST_STEP)
+        self._time = estimate.time
+        if abs(estimate.r - orbit.radius) <= NEAR * orbit.radius:
+            self._turned += orbit.direction.turn_sign * turn_rate * dt
+        if self._turned < LAPS * 2 * pi:
+            return False
+        self._turned = 0.0
+        return True

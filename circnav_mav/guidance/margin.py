@@ -1,0 +1,112 @@
+"""The stability margin that the drift law's loop keeps on a circle, before anything flies.
+
+Round the circle the loop is linear. It is judged at its worst place, where the drift is behind the vehicle: the ground
+speed v = V + W is highest there, and a turn of the nose moves the course by V/v of it. e: radius error, m. psi:
+heading error, rad. c: command.
+
+    e = -V P c/(s^2 + (v/r_d)^2),   psi = s P c/(s^2 + (v/r_d)^2),   pending = (1 - M) c/s
+    M = e^(-s dead)/(lag s + 1)
+
+The law's slopes in e, psi and pending are taken from its code by differences. P: the vehicle's answer, of the family
+of tests/guidance/test_margins.py, scaled to the mission's delay. M: what the guidance takes it for, a fifth off either
+way.
+
+On a large circle v/r_d is small beside the crossover and the margin depends on the delay alone. On a small one the
+vehicle turns far within its delay.
+"""
+
+from collections.abc import Callable
+from functools import lru_cache
+from itertools import product
+from math import pi
+
+import numpy as np
+
+from circnav_mav.guidance.maths import Batch
+from circnav_mav.guidance.turn_response import Pending
+from circnav_mav.guidance.vector_field import drift, drift_gains
+
+LINK = 0.05
+"""Delay of link and tick, s, that comes to that of the vehicle."""
+DEAD_SHARES, DAMPINGS, KNOWN = (0.3, 0.7), (0.3, 0.6, None), (0.8, 1.0, 1.2)
+"""Family of vehicles: share of the dead time in the delay, damping of the answer (None: first order), and how much of
+the delay the guidance takes for the whole."""
+MOST_SENSITIVITY = 2.3
+"""Largest sensitivity |1/(1 + L)| that counts as a margin: 25 deg and 5 dB at least. Large circles have 2.1 at most. A
+plane on 60 m at 15 m/s in 5 m/s of wind, which has 2.6, swung on firmware; one on 150 m at 22 m/s, 1.8, did not."""
+DESIGN_DRIFT = 1 / 3
+"""Drift, in units of V, in which a circle should keep its margin if its geometry allows so much."""
+LARGEST = 20.0
+"""Radius, in units of the given one, up to which a radius that holds is looked for."""
+_S = 1j * np.logspace(-1.3, 1.4, 300)
+"""Frequencies, rad/s: from a slow lap to far beyond any crossover."""
+
+
+@lru_cache(maxsize=1024)
+def sensitivity(V: float, r_d: float, W: float, delay: float, late: float, limit: float) -> float:
+    """Largest sensitivity of the family. V: speed, m/s. W: drift, m/s. delay: of the vehicle's turn, s. late: of the
+    reported turn, s, that the gains are made for as well. limit: of the turn rate, rad/s."""
+    worst = 0.0
+    for known, share, damping in product(KNOWN, DEAD_SHARES, DAMPINGS):
+        dead, lag = share * delay, (1 - share) * delay
+        frequency = 2 * (damping or 0.0) / lag
+        answer: Batch = 1 / (lag * _S + 1)
+        if damping is not None:
+            answer = frequency**2 / (_S**2 + 2 * damping * frequency * _S + frequency**2)
+        P = answer * np.exp(-_S * (dead + LINK))
+        M = np.exp(-_S * (dead + LINK) * known) / (lag * known * _S + 1)
+        settles = 1 / lag if damping is None else damping * frequency
+        loop = _loop(P, M, V, r_d, W, (delay + LINK) * known, settles, late, limit)
+        worst = max(worst, float(np.abs(1 / (1 + loop)).max()))
+    return worst
+
+
+def _loop(
+    P: Batch, M: Batch, V: float, r_d: float, W: float, ahead: float, settles: float, late: float, limit: float
+) -> Batch:
+    """The loop opened at the vehicle."""
+    v = V + W
+    gains = drift_gains(V, ahead + late, settles)
+    under_way = v**2 / (V * r_d) * ahead
+
+    def law(e: float, psi: float, pending: float) -> float:
+        what = Pending(under_way + pending, ahead, settles)
+        heading = pi / 2 + psi
+        return float(drift((r_d + e, 0.0), (0.0, W), heading, what, V=V, r_d=r_d, max_turn_rate=limit, gains=gains))
+
+    # small steps: outside the circle the field bends with the square root of the error
+    h = 1e-4
+    by_e = (law(h, 0, 0) - law(-h, 0, 0)) / (2 * h)
+    by_psi, by_pending = ((law(0, h * a, h * b) - law(0, -h * a, -h * b)) / (2 * h) for a, b in ((1, 0), (0, 1)))
+    circle = _S**2 + (v / r_d) ** 2
+    return np.asarray(-P * (by_psi * _S - by_e * V) / circle / (1 - by_pending * (1 - M) / _S))
+
+
+def drift_with_margin(V: float, r_d: float, most: float, delay: float, late: float, limit: float) -> float:
+    """Largest drift up to `most`, m/s, in which a circle keeps its margin; negative if not even in still air."""
+
+    def sound(W: float) -> bool:
+        return sensitivity(V, r_d, W, delay, late, limit) <= MOST_SENSITIVITY
+
+    if sound(most):
+        return most
+    if not sound(0.0):
+        return -1.0
+    return _border(0.0, most, sound)
+
+
+def radius_with_margin(V: float, r_d: float, W: float, delay: float, late: float, limit: float) -> float:
+    """Smallest radius above r_d, m, that keeps its margin in a drift W; inf if none near it does."""
+
+    def short(radius: float) -> bool:
+        return sensitivity(V, radius, W, delay, late, limit) > MOST_SENSITIVITY
+
+    return float("inf") if short(LARGEST * r_d) else _border(r_d, LARGEST * r_d, short)
+
+
+def _border(low: float, high: float, holds: Callable[[float], bool]) -> float:
+    """Bisection between a value at which something holds and one at which it does not, to a percent."""
+    while high - low > 0.01 * high:
+        middle = (low + high) / 2
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return (low + high) / 2

@@ -1,0 +1,82 @@
+"""pyproject.toml and setup.py against the repository: a wheel has all that it needs, and its page has no dead link."""
+
+import re
+import runpy
+import tomllib
+from importlib.resources import files
+from pkgutil import resolve_name
+
+import pytest
+import setuptools
+
+from circnav_mav.cli.init import schema_text
+from tests.process import ROOT
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+SETUPTOOLS = PROJECT["tool"]["setuptools"]
+FOLDERS = {"circnav_mav": "circnav_mav", "circnav_sim": "sim", "circnav_mav.config": "config"}
+"""Folders of the repository, by the packages that they are installed as."""
+
+
+def contents():
+    """The files of each package, by its name."""
+    found = {}
+    for package, folder in FOLDERS.items():
+        for path in (ROOT / folder).rglob("*"):
+            if path.is_file() and "__pycache__" not in path.parts:
+                name = ".".join([package, *path.parent.relative_to(ROOT / folder).parts])
+                found.setdefault(name, []).append(path)
+    return found
+
+
+def test_the_list_of_packages_is_complete():
+    assert {name: folder for name, folder in FOLDERS.items() if name != folder} == SETUPTOOLS["package-dir"]
+    assert len(set(SETUPTOOLS["packages"])) == len(SETUPTOOLS["packages"])
+    assert set(SETUPTOOLS["packages"]) == set(contents())
+
+
+def test_every_file_that_is_no_program_is_package_data_and_no_pattern_is_left_of_one_that_has_gone():
+    data, used = SETUPTOOLS["package-data"], set()
+    for name, paths in contents().items():
+        for path in paths:
+            patterns = {(name, one) for one in data.get(name, ()) if path.match(one)}
+            used |= patterns
+            assert patterns or path.suffix == ".py" or path.name == "README.md", path
+    assert used >= {(name, one) for name, patterns in data.items() for one in patterns} - {
+        ("circnav_mav.config", "*.json")
+    }
+    assert not [path for paths in contents().values() for path in paths if path.is_symlink()]
+
+
+def test_what_is_imported_here_is_this_repository():
+    """One mechanism for an editable install and all others: a folder that is no package would be found nowhere."""
+    for name in contents():
+        assert files(name).is_dir(), name
+
+
+@pytest.mark.parametrize(
+    "reference",
+    [*PROJECT["project"]["scripts"].values(), *PROJECT["project"]["entry-points"]["circnav.ranging"].values()],
+)
+def test_every_entry_point_leads_somewhere(reference):
+    assert callable(resolve_name(reference))
+
+
+@pytest.mark.parametrize("kind", ["mission", "campaign"])
+def test_the_schemas_that_ship_are_those_of_the_core_and_all_extras(kind):
+    assert schema_text(kind) == (ROOT / "config" / f"{kind}.schema.json").read_text(encoding="utf-8")
+
+
+def test_the_page_of_a_package_index_is_the_readme_without_links_that_lead_nowhere_there(monkeypatch):
+    """It knows no other file of the repository."""
+    given = {}
+    monkeypatch.setattr(setuptools, "setup", given.update)
+    runpy.run_path(str(ROOT / "setup.py"))
+    page, readme = given["long_description"], (ROOT / "README.md").read_text(encoding="utf-8")
+    assert given["long_description_content_type"] == "text/markdown"
+    assert re.findall(r"\]\((?!https?:|#)", page) == []
+    assert not re.search(r"<(img|a) ", page)
+    assert len(re.findall(r"\]\((?!https?:|#)", readme)) > 10, "nothing was tested"
+    commands = r"^```sh\n(.*?)^```"
+    kept = [re.findall(commands, text, re.MULTILINE | re.DOTALL) for text in (page, readme)]
+    assert kept[0] == kept[1]

@@ -1,0 +1,500 @@
+"""Logs as people have them: cases reduced from public bug reports, and formats written by hand."""
+
+import os
+import pty
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta
+from itertools import pairwise
+from math import nan
+from pathlib import Path
+
+import geojson
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav import cli
+from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.extras.locate import export
+from circnav_mav.extras.locate.command import _zone
+from circnav_mav.extras.locate.estimator import Knowledge, Ranges, Track, locate
+from circnav_mav.extras.locate.logs.interface import ReadOptions
+from circnav_mav.extras.locate.logs.table import read_logs, with_positions
+from circnav_mav.extras.locate.parameters import PARAMETERS
+from circnav_mav.extras.locate.place import Place, Plane
+from circnav_mav.extras.locate.range_log import EmptyLogError, RangeLog
+from circnav_mav.extras.locate.units import FACTORS, better_unit
+from circnav_mav.pilot.loop_step import LoopStep
+from circnav_mav.runlog.run_folder import RunError
+from tests.extras.locate import log_writers as write
+from tests.extras.locate.flown import Surveyed, surveyed
+from tests.extras.locate.worlds import PLANE, circles
+
+CASES = Path(__file__).parent / "cases"
+BEACON = (-35.363, 149.165)
+NOON = datetime(2026, 7, 1, 12, tzinfo=UTC)
+
+
+def placed(log: RangeLog, tag: str, gps_sigma: float = 1.5) -> Place:
+    """The place of a tag."""
+    track, (ranges, known) = log.track(log.plane()), log.of(tag, None)
+    found = locate(log.plane(), track, ranges, Knowledge(float(track.up.min()), gps_sigma=gps_sigma, sigma_known=known))
+    assert isinstance(found, Place), found
+    return found
+
+
+def off(place: Place, truth: tuple[float, float]) -> float:
+    return float(np.hypot(*(np.array(place.plane.to_metres(*truth)) - [place.east, place.north])))
+
+
+def rows(track: Track) -> list[tuple[float, float, float, float]]:
+    """A track on PLANE as time, latitude, longitude, altitude."""
+    return list(zip(track.time, *PLANE.to_degrees(track.east, track.north), track.up, strict=True))
+
+
+def a_log(track: Track, ranges: Ranges) -> RangeLog:
+    return RangeLog(rows(track), {"t": [(time, r, nan) for time, r in zip(ranges.time, ranges.r, strict=True)]})
+
+
+@pytest.mark.parametrize(
+    ("case", "name", "vehicles"),
+    [
+        ("01-two-vehicles.tlog", "RANGE", ["sensor 0 of 1/192", "sensor 0 of 2/192"]),
+        ("03-tracker-first.tlog", "RANGE", ["sensor 0 of 1/192"]),
+        ("04-position-near-zero-first.tlog", "RANGE", ["sensor 0 of 1/192"]),
+        ("09-range-under-another-name.tlog", "UWB_DIST", ["UWB_DIST of 1/192"]),
+    ],
+)
+def test_each_radio_is_paired_with_the_fixed_positions_of_its_own_vehicle(case, name, vehicles):
+    logs = read_logs(CASES / case, ReadOptions(range_name=name))
+    assert [tag for log in logs for tag in log.ranges] == vehicles
+    for log in logs:
+        assert off(placed(log, *log.ranges), BEACON) < 1.0
+
+
+def test_a_vehicle_is_picked_and_the_radio_of_none_is_left_out_until_one_is_picked(tmp_path):
+    (log,) = read_logs(CASES / "01-two-vehicles.tlog", ReadOptions(vehicle=2))
+    assert list(log.ranges) == ["sensor 0 of 2/192"]
+    records = [(t, s, 1, mavlink.MAVLink_global_position_int_message(0, -353630000, 10 * s, 0, 0, 0, 0, 0, 0))
+               for t in range(3) for s in (1, 2)]  # fmt: skip
+    records += [(t, 7, 1, mavlink.MAVLink_named_value_int_message(t + 1, b"RANGE", 90 + t)) for t in range(3)]
+    file = write.write_tlog(tmp_path / "log.tlog", records)
+    with pytest.raises(EmptyLogError, match=r"ranges of 7/1 are left out: none of the vehicles 1, 2 .* --vehicle"):
+        read_logs(file)
+    (log,) = read_logs(file, ReadOptions(vehicle=2))
+    assert [row[:2] for row in log.ranges["RANGE of 7/1"]] == [(0.0, 90.0), (1.0, 91.0), (2.0, 92.0)]
+    with pytest.raises(RunError, match=r"--vehicle 9: it has no positions; vehicles with positions: 1, 2"):
+        read_logs(file, ReadOptions(vehicle=9))
+
+
+def test_names_that_may_be_the_range_are_listed_where_none_fits(tmp_path):
+    with pytest.raises(EmptyLogError, match=r"UWB_DIST\. Give one: --range-name UWB_DIST"):
+        read_logs(CASES / "09-range-under-another-name.tlog")
+    at = [("POS", (t * 1_000_000, 473000000, 85000000 + t, 400.0, 0.0, 0.0)) for t in range(9)]
+    script = [("UWB", (t * 1_000_000, 50.0 + t)) for t in range(9)]
+    named = [("NVF", (t * 1_000_000, b"TAG7", 60.0 + t)) for t in range(9)]
+    parameters = [("PARM", (1, f"PARAMETER_{number}".encode(), 50.0, 0.0)) for number in range(9)]
+    file = write.write_dataflash(tmp_path / "log.bin", at + parameters + script + named)
+    with pytest.raises(EmptyLogError, match=r"ranges: TAG7, UWB\.Dist\. Give one"):
+        read_logs(file)
+    for name, first in (("UWB.Dist", 50.0), ("TAG7", 60.0)):
+        (log,) = read_logs(file, ReadOptions(range_name=name))
+        assert [r for _, r, _ in log.ranges[name]] == list(np.arange(first, first + 9))
+    px4 = [
+        ("vehicle_global_position", 0, (t * 1_000_000, 0, 47.3, 8.5 + t / 1e6, 400.0, 1.0, True, True))
+        for t in range(9)
+    ]
+    px4 += [("debug_key_value", 0, (t * 1_000_000, 70.0 + t, b"uwb")) for t in range(9)]
+    file = write.write_ulog(tmp_path / "log.ulg", px4)
+    with pytest.raises(EmptyLogError, match=r"uwb\. Give one: --range-name uwb"):
+        read_logs(file)
+    assert len(read_logs(file, ReadOptions(range_name="uwb"))[0].ranges["uwb"]) == 9
+
+
+def test_a_dataflash_log_is_read_though_its_gps_message_has_no_week():
+    (log,) = read_logs(CASES / "08-dataflash.BIN")
+    assert len(log.positions) == 91 and log.positions[1][:3] == (0.1, -35.3629999, 149.165)
+    assert [row[1] for row in log.ranges["rangefinder 0"][:2]] == pytest.approx([50.0, 50.01])
+
+
+def test_dataflash_beacons_and_the_filters_position_count_and_what_looks_down_or_has_no_target_does_not(tmp_path):
+    messages: list[tuple[str, tuple]] = [("ORGN", (0, 0, 473000000, 85000000, 40000))]
+    for t in range(1, 9):
+        us = t * 1_000_000
+        messages += [
+            ("GPS", (us, 0, 3 if t > 2 else 1, 0, 2400, 9, 100, 1, 1, 40000, 0, 0, 0, 0, 1)),
+            ("XKF1", (us, 0, 100.0 + t, 50.0, -30.0)),
+            ("XKF1", (us, 1, 999.0, 999.0, 0.0)),
+            ("RFND", (us, 0, 1000 + t, 4, 25, -1)),
+            ("RFND", (us, 1, 2000 + t, 2, 24, -1)),
+            ("BCN", (us, 1, 2, 30.0 + t, 40.0 + t, 0.0, 0.0, 0.0, 0.0, 0.0)),
+        ]
+    (log,) = read_logs(write.write_dataflash(tmp_path / "log.bin", messages))
+    assert {tag: len(ranges) for tag, ranges in log.ranges.items()} == {"beacon 0": 8, "beacon 1": 8}
+    assert [row[0] for row in log.positions] == [3.0, 4.0, 5.0, 6.0, 7.0, 8.0]
+    assert Plane(47.3, 8.5).to_metres(*log.positions[0][1:3]) == pytest.approx((50.0, 103.0), abs=1e-3)
+    assert log.positions[0][3] == pytest.approx(430.0)
+
+
+@dataclass
+class Taped(Surveyed):
+    """A flight with the frames that came from the vehicle."""
+
+    tape: list[tuple[float, bytes]] = field(default_factory=list)
+
+    def _keep(self, step: LoopStep) -> None:
+        super()._keep(step)
+        self.tape += [(self.now, frame) for frame in step.frames_heard]
+
+
+def test_one_flight_as_tlog_bin_and_ulg_is_located_within_a_centimeter(tmp_path):
+    flown = surveyed("quickstart", "sim.sensors.gps_error_m=0.5")  # the survey asks for positions
+    flown = Taped(flown.pilot, flown.vehicle, locator=flown.locator, solve_from=1e9)
+    flown.fly(75.0)
+    with (tmp_path / "log.tlog").open("wb") as log:
+        for time, frame in flown.tape:
+            log.write(round((1.75e9 + time) * 1e6).to_bytes(8, "big") + frame)
+    parser, ardupilot, px4 = mavlink.MAVLink(None), [], []
+    for time, message in ((time, one) for time, frame in flown.tape for one in parser.parse_buffer(frame) or ()):
+        us = round(time * 1e6)
+        match message.get_type():
+            case "GLOBAL_POSITION_INT":
+                height = message.alt / 1000
+                ardupilot.append(("POS", (us, message.lat, message.lon, height, 0.0, 0.0)))
+                px4.append(
+                    ("vehicle_global_position", 0, (us, 0, message.lat / 1e7, message.lon / 1e7, height, 1.0, 1, 1))
+                )
+            case "GPS_RAW_INT":
+                fix = message.fix_type
+                ardupilot.append(("GPS", (us, 0, fix, 0, 2400, 9, 100, message.lat, message.lon, 0, 0, 0, 0, 0, 1)))
+                px4.append(("vehicle_gps_position", 0, (us, us, message.lat / 1e7, message.lon / 1e7, 0.0, fix)))
+            case "DISTANCE_SENSOR":
+                cm, up = message.current_distance, message.orientation
+                ardupilot.append(("RFND", (us, message.id, cm, 4, up, -1)))
+                values = (us, 0.0, 655.0, cm / 100, message.covariance % 255 / 1e4, 0.0, -1, up)
+                px4.append(("distance_sensor", 0, values))
+    files = [tmp_path / "log.tlog", write.write_dataflash(tmp_path / "log.bin", ardupilot)]
+    files.append(write.write_ulog(tmp_path / "log.ulg", px4))
+    places = []
+    for file in files:
+        (log,) = read_logs(file)
+        (tag,) = log.ranges
+        places.append(placed(log, tag))
+        assert len(log.ranges[tag]) > 600 and places[-1].sigma < 3.0
+    for one, other in pairwise(places):
+        assert off(one, (other.latitude, other.longitude)) < 0.01
+        assert abs(one.up - other.up) < 0.01
+
+
+PLAIN = """time,latitude,longitude,altitude,range,tag
+0.0,47.3,8.5,400,100.25,007
+0.5,47.3001,8.5001,401.5,,
+1.0,,,,98.5,007
+"""
+
+
+def edited(*pairs: tuple[str, str]) -> str:
+    text = PLAIN
+    for old, new in pairs:
+        text = text.replace(old, new)
+    return text
+
+
+@pytest.mark.parametrize(
+    ("text", "noted"),
+    [
+        (PLAIN, ""),
+        (edited((",", ";")), ""),
+        (edited((",", ";"), (".", ",")), "decimal comma"),
+        (edited((",", "\t"), (".", ",")), "decimal comma"),
+        (edited((",", " | ")), ""),
+        ("sep=,\n# my radio\n\n" + PLAIN, ""),
+        ("# " + PLAIN, ""),
+        (edited((",,", ",-,"), (",,", ",NA,"), (",007", ",007 ")), ""),
+        (edited((",,", ",--,"), (",,", ",null,")), ""),
+        (edited(("time,latitude,longitude,altitude,range", "t [s],Lat (deg),Long,Alt. (m),Distance (m)")), ""),
+        (edited(("time", "timestamp_ms"), ("0.0,", "0,"), ("0.5,", "500,"), ("1.0,", "1000,")), ""),
+        (edited(("time", "TimeUS"), ("0.0,", "0,"), ("0.5,", "500000,"), ("1.0,", "1000000,")), ""),
+        (edited(("range", "range_cm"), ("100.25", "10025"), ("98.5", "9850")), ""),
+        (edited(("range", "range (ft)"), ("100.25", "328.904199475"), ("98.5", "323.16272966")), ""),
+        (edited(("range", "Distance [km]"), ("100.25", "0.10025"), ("98.5", "0.0985")), ""),
+        (edited(("47.3,8.5,", "473000000,85000000,"), ("47.3001,8.5001,", "473001000,85001000,")), "ten million"),
+        (edited(("47.3,8.5,", "47.3N,8.5 E,"), ("47.3001,8.5001,", "47.3001 N,8.5001E,")), ""),
+        (edited((",8.5,", ",-351.5,"), (",8.5001,", ",-351.4999,")), ""),
+    ],
+)  # fmt: skip
+def test_a_table_means_the_same_whatever_its_delimiter_names_units_and_empty_cells(tmp_path, text, noted):
+    (tmp_path / "log.csv").write_text(text)
+    (log,) = read_logs(tmp_path / "log.csv")
+    want = [(0.0, 47.3, 8.5, 400.0), (0.5, 47.3001, 8.5001, 401.5)]
+    assert [pytest.approx(row, abs=1e-9) for row in want] == log.positions
+    assert list(log.ranges) == ["007"]
+    assert [row[:2] for row in log.ranges["007"]] == [pytest.approx((0.0, 100.25)), pytest.approx((1.0, 98.5))]
+    assert any(noted in note for note in log.notes) if noted else not log.notes
+
+
+@pytest.mark.parametrize(("step", "unit"), [(0.2, ""), (200, "milliseconds"), (200_000, "microseconds")])
+def test_times_of_a_boot_clock_without_a_unit_are_noted_where_they_cannot_be_seconds(tmp_path, step, unit):
+    lines = [f"{7 * step + number * step:g},47.3,8.5,{100 + number}" for number in range(30)]
+    (tmp_path / "log.csv").write_text("\n".join(["timestamp,lat,lon,distance", *lines]))
+    (log,) = read_logs(tmp_path / "log.csv")
+    assert log.positions[-1][0] - log.positions[0][0] == pytest.approx(5.8) and (unit in "".join(log.notes))
+    assert bool(log.notes) == bool(unit)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "cp1252", "utf-8-sig"])
+def test_a_table_is_read_in_the_encodings_of_spreadsheets(tmp_path, encoding):
+    text = PLAIN.replace("latitude", "latitude (°)").replace(",", "\t")
+    (tmp_path / "log.txt").write_bytes(text.encode(encoding))
+    assert len(read_logs(tmp_path / "log.txt")[0].positions) == 2
+
+
+def test_columns_are_picked_by_name_and_a_unit_given_outweighs_that_of_the_header(tmp_path):
+    (tmp_path / "log.csv").write_text("time,lat,lon,d1_m,anchor 2\n0,47.3,8.5,10,20\n1,47.3,8.5,11,21\n")
+    with pytest.raises(RunError, match=r"no column range\. Its columns: time, lat, lon, d1_m, anchor 2"):
+        read_logs(tmp_path / "log.csv")
+    with pytest.raises(RunError, match="no column 'd3'"):
+        read_logs(tmp_path / "log.csv", ReadOptions(range_columns=("d3",)))
+    (log,) = read_logs(tmp_path / "log.csv", ReadOptions(range_columns=("D1_m", "anchor 2"), unit=0.3048))
+    assert {tag: [row[1] for row in found] for tag, found in log.ranges.items()} == {
+        "D1_m": pytest.approx([3.048, 3.3528]),
+        "anchor 2": pytest.approx([6.096, 6.4008]),
+    }
+
+
+def test_a_time_without_a_zone_is_noted_and_read_in_the_zone_that_is_given(tmp_path):
+    def read(time: str, zone=None) -> RangeLog:
+        (tmp_path / "log.csv").write_text(f"time,lat,lon,range\n{time},47.3,8.5,10\n{time},47.4,8.5,10\n")
+        return read_logs(tmp_path / "log.csv", ReadOptions(zone=zone))[0]
+
+    noon = NOON.timestamp()
+    for given in ("2026-07-01T12:00:00Z", "2026-07-01T14:00:00+02:00", "2026-07-01 12:00:00 UTC", str(noon)):
+        log = read(given)
+        assert (log.positions[0][0], log.epoch, log.notes) == (noon, 0.0, [])
+    log = read("2026-07-01 12:00:00")
+    assert log.positions[0][0] == noon and log.notes == [
+        "times carry no time zone and are read as UTC; --timezone gives another one"
+    ]
+    log = read("2026-07-01 14:00:00", _zone("Europe/Vienna"))
+    assert log.positions[0][0] == noon and log.notes == ["times carry no time zone and are read as Europe/Vienna"]
+    assert read(f"{noon * 1000:.0f}").notes == ["column 'time' is read as milliseconds since 1970"]
+    (tmp_path / "log.csv").write_text("Date;Time;range\n2026/07/01;12:00:00Z;10\n")
+    assert read_logs(tmp_path / "log.csv", ReadOptions(positions=False))[0].ranges["target"][0][0] == noon
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (PLAIN.replace(",", ";").replace("100.25", "100,25"), "with a comma .'100,25'. and with a point"),
+        ("time,lat,lon,range\n01/07/2026 12:00,2,3,5\n", "line 2: time: '01/07/2026 12:00' is not a time"),
+        ("# a\n\ntime;lat;lon;range\n1;2;3;far\n", "line 4: range: 'far' is not a number"),
+        ("1,47.3,8.5,100\n2,47.3,8.5,100\n", "no column time, latitude, longitude, range"),
+    ],
+)
+def test_what_a_table_leaves_open_is_not_guessed(tmp_path, text, says):
+    (tmp_path / "log.csv").write_text(text)
+    with pytest.raises(RunError, match=says):
+        read_logs(tmp_path / "log.csv")
+
+
+@pytest.mark.parametrize(
+    ("name", "head", "says"),
+    [
+        ("a.kml", b"<?xml version='1.0'?><kml xmlns='x'>", "is KML, .* gpsbabel -t -i kml -f a.kml"),
+        ("a.zip", b"PK\x03\x04....", "is a zip archive, .* unpack"),
+        ("a.xlsx", b"PK\x03\x04....", "is a spreadsheet, .* CSV"),
+        ("a.bag", b"#ROSBAG V2.0\n", "is a ROS 1 bag, .* rostopic echo -b a.bag"),
+        ("a.db3", b"SQLite format 3\0", "ROS 2 bags"),
+        ("a.mcap", b"\x89MCAP0\r\n", "is an MCAP file"),
+        ("a.raw", b"\xfd\x09\0\0\0\x01\x01", "raw MAVLink stream, .* record a tlog"),
+        ("a.ubx", b"\xb5\x62\x01\x07", "u-blox .* RTKLIB"),
+        ("a.json", b'{"time": 1}', "is JSON"),
+        ("a.BIN", b"\xa3\x95\x80\x00", "dataflash log"),
+        ("a.ulg", b"ULog\x01\x12\x35", "ULog file"),
+        ("a.gpx", b"<gpx><trk", "cannot be read as GPX"),
+        ("a.pos", b"%  GPST   x-ecef(m)  y-ecef(m)\n", "latitude, longitude and height in degrees"),
+        ("empty.csv", b"", "no column"),
+        ("a.csv", b"\x01\x02\x00\x03", "no ranges in it; in a MAVLink telemetry log"),
+    ],
+)
+def test_what_cannot_be_read_is_named_with_its_format_and_a_way_out(tmp_path, name, head, says):
+    (tmp_path / name).write_bytes(head)
+    with pytest.raises(RunError, match=says) as refusal:
+        read_logs(tmp_path / name)
+    assert str(refusal.value).startswith(str(tmp_path / name)) and "\n" not in str(refusal.value)
+
+
+def test_a_ulg_without_pyulog_names_the_package(tmp_path, monkeypatch):
+    (tmp_path / "a.ulg").write_bytes(b"ULog\x01\x12\x35\x01")
+    monkeypatch.setattr("circnav_mav.extras.locate.logs.ulog.find_spec", lambda name: None)
+    with pytest.raises(RunError, match=r"pip install 'circnav-mav\[ulog\]'"):
+        read_logs(tmp_path / "a.ulg")
+
+
+@pytest.mark.parametrize("writer", [write.write_gpx, write.write_rtklib, write.write_nmea])
+def test_positions_come_from_a_file_beside_the_ranges(tmp_path, writer: Callable):
+    """Over midnight, UTC; the ranges tell it in their own zone."""
+    track, ranges, target = circles(gps=0.0)
+    zero = datetime(2026, 7, 1, 23, 59, 30, tzinfo=UTC)
+    positions = writer(tmp_path / "positions", rows(track), zero)
+    local = [(zero + timedelta(hours=2, seconds=float(t))).strftime("%Y-%m-%d %H:%M:%S.%f+02:00") for t in ranges.time]
+    lines = [f"{when},{r:.3f}" for when, r in zip(local, ranges.r, strict=True)]
+    (tmp_path / "ranges.csv").write_text("\n".join(["time,range_m", *lines]))
+    with pytest.raises(RunError, match="--positions FILE"):
+        read_logs(tmp_path / "ranges.csv")
+    with pytest.raises(EmptyLogError, match=r"no ranges in it; .* --positions"):
+        read_logs(positions)
+    logs = read_logs(tmp_path / "ranges.csv", ReadOptions(positions=False))
+    (log,) = with_positions(logs, read_logs(positions, ReadOptions(ranges=False)), positions)
+    place = placed(log, "target", gps_sigma=0.05)
+    assert off(place, PLANE.to_degrees(*target)) < 0.3 and abs(place.delay) < 0.2
+    (late,) = with_positions([replace(log, epoch=-7200.0, notes=[])], [log], positions)
+    assert "the ranges begin 2.00 h before the positions. If one file has local time, give --timezone" in late.notes[0]
+    apart = [replace(one, epoch=None) for one in logs]
+    with pytest.raises(RunError, match="the positions have UTC, the ranges a clock of their own"):
+        with_positions(apart, read_logs(positions, ReadOptions(ranges=False)), positions)
+
+
+@pytest.mark.parametrize("unit", [unit for unit in FACTORS if unit != "m"])
+def test_ranges_in_another_unit_are_named_with_the_option_that_reads_them(unit):
+    track, ranges, target = circles(noise=0.3, target=(30.0, -20.0))
+    shifted = replace(track, east=track.east + 15.0)  # not round the target: its distance changes
+    east, north = (np.interp(ranges.time, shifted.time, way) for way in (shifted.east, shifted.north))
+    r = np.sqrt((east - target[0]) ** 2 + (north - target[1]) ** 2 + 40.0**2)
+    wrong = Ranges(ranges.time, r / FACTORS[unit], ranges.sigma)
+    better = better_unit(PLANE, shifted, wrong, Knowledge(up=400.0, sigma_known=False), None)
+    assert better is not None and better.unit == unit
+    assert off(better.place, PLANE.to_degrees(*target)) < 6
+
+
+def test_on_a_circle_round_the_target_the_likeliest_height_tells_the_unit():
+    """Any unit fits a constant range: from another height."""
+    track, ranges, target = circles(laps=2)
+    feet, known = replace(ranges, r=ranges.r / 0.3048), Knowledge(up=440.0, sigma_known=False)
+    place = locate(PLANE, track, feet, known)
+    better = better_unit(PLANE, track, feet, known, place)
+    assert better is not None and better.unit == "ft" and better.gain is None
+    assert str(better).startswith("the ranges fit in ft, not in m: 47.2994")
+    assert off(better.place, PLANE.to_degrees(*target)) < 6
+
+
+def test_feet_are_reported_with_the_place_in_feet(tmp_path, capsys):
+    command = ["locate", str(CASES / "02-feet.csv"), "--out", str(tmp_path)]
+    assert not cli.circnav.main(command, standalone_mode=False)
+    warning = next(line for line in capsys.readouterr().out.splitlines() if "--units" in line)
+    assert "times better in ft, not in m: 46.0000" in warning and warning.endswith("give --units ft")
+    cli.circnav.main([*command, "--units", "ft"], standalone_mode=False)
+    text = capsys.readouterr().out
+    assert "place      46.00000" in text and "--units" not in text
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_poor_radio_is_not_taken_for_one_in_another_unit(seed):
+    track, ranges, _ = circles(noise=4.0, seed=seed, bias=5.0, outliers=0.1)
+    place = placed(a_log(track, ranges), "t")
+    assert better_unit(PLANE, track, ranges, Knowledge(up=400.0, sigma_known=False), place) is None
+
+
+def test_repeated_and_frozen_values_are_left_out_and_coarse_ones_are_kept(tmp_path):
+    track, ranges, target = circles(noise=0.2, gps=0.3, laps=2)
+    place = PLANE.to_degrees(*target)
+
+    def read(track: Track, ranges: Ranges) -> RangeLog:
+        lines = [f"{t:.2f},{lat:.8f},{lon:.8f},{up},," for t, lat, lon, up in rows(track)]
+        lines += [f"{t:.2f},,,,{r:.3f}," for t, r in zip(ranges.time, ranges.r, strict=True)]
+        (tmp_path / "log.csv").write_text("\n".join(["time,lat,lon,alt,range,tag", *lines]))
+        return read_logs(tmp_path / "log.csv")[0]
+
+    resent = read(track, replace(ranges, r=ranges.r[np.arange(len(ranges.r)) // 5 * 5]))
+    assert resent.notes == ["target: each range is sent 5 times; its first counts"]
+    assert len(resent.ranges["target"]) == -(-len(ranges.r) // 5)
+
+    stuck = ranges.r.copy()
+    stuck[200:400] = stuck[200]
+    frozen = read(track, replace(ranges, r=stuck))
+    assert "200 ranges stand still, 1 times; the longest at" in frozen.notes[0] and "20.0 to 39.9 s" in frozen.notes[0]
+    assert len(frozen.ranges["target"]) == len(ranges.r) - 199
+
+    coarse = read(track, replace(ranges, r=ranges.r.round()))
+    assert not coarse.notes and len(coarse.ranges["target"]) == len(ranges.r)
+
+    east, north = track.east.copy(), track.north.copy()
+    east[100:200], north[100:200] = east[100], north[100]
+    lost = read(replace(track, east=east, north=north), ranges)
+    assert "positions stand still from 20.0 to 39.8 s" in lost.notes[0]
+    for log in (resent, frozen, coarse, lost):
+        assert off(placed(log, "target"), place) < 1.5
+
+
+def test_a_track_across_the_antimeridian_is_located_and_its_shapes_are_cut_there(tmp_path):
+    """RFC 7946, 3.1.9: no part of a shape crosses 180 degrees."""
+    track, ranges, target = circles(gps=0.0)
+    fiji = Plane(-16.8, 180.0)
+    lines = [f"{t:.2f},{lat:.8f},{lon:.8f},{up}," for t, lat, lon, up in
+             zip(track.time, *fiji.to_degrees(track.east, track.north), track.up, strict=True)]  # fmt: skip
+    lines += [f"{t:.2f},,,,{r:.3f}" for t, r in zip(ranges.time, ranges.r, strict=True)]
+    (tmp_path / "log.csv").write_text("\n".join(["time,lat,lon,alt,range", *lines]))
+    (log,) = read_logs(tmp_path / "log.csv")
+    assert off(placed(log, "target", gps_sigma=0.05), fiji.to_degrees(*target)) < 0.3
+    here = Place(0.0, fiji, 2.0, -3.0, 400.0, np.diag([9.0, 4.0]), 1.0, True)
+    wavy = [fiji.to_degrees(east, east / 2) for east in (-50.0, 20.0, -10.0, 40.0)]
+    table = geojson.loads(export.geojson({"target": here}, wavy))
+    assert table.is_valid, table.errors()
+    point, area, line = (feature.geometry for feature in table.features)
+    assert (area.type, line.type) == ("MultiPolygon", "MultiLineString") and abs(point.coordinates[0]) <= 180
+    assert len(area.coordinates) == 2 and len(line.coordinates) == 4
+    for part in [ring for rings in area.coordinates for ring in rings] + list(line.coordinates):
+        longitudes = np.array(part)[:, 0]
+        assert np.abs(longitudes).max() == 180.0 and np.ptp(longitudes) < 0.01
+    for (ring,) in area.coordinates:
+        x, y = np.array(ring).T
+        assert (x[0], y[0]) == (x[-1], y[-1]) and np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) > 0
+    ends = [(before[-1], after[0]) for before, after in pairwise(line.coordinates)]
+    assert all(a[0] == -b[0] and a[1] == b[1] for a, b in ends)
+
+
+def test_parameters_give_the_place_the_known_height_and_what_32_bits_lose():
+    known = Place(0.0, Plane(*BEACON), 0.0, 0.0, 584.2, np.eye(2), 0.5, True)
+    other = replace(known, east=30.0, north=-40.0, up_known=False)
+    ardupilot = list(PARAMETERS["ardupilot"]({"beacon 3 of 1/1": known, "b": other}))
+    assert ardupilot[1:] == ["BCN_LATITUDE,-35.36300000", "BCN_LONGITUDE,149.16500000", "BCN_ALT,584.20",
+                             "BCN_ORIENT_YAW,0",
+                             "# b, for the table of your beacon device: -40.00 m north, 30.00 m east of the origin",
+                            ]  # fmt: skip
+    lost = np.hypot(*Plane(*BEACON).to_metres(float(np.float32(BEACON[0])), float(np.float32(BEACON[1]))))
+    assert f"as 32-bit numbers the coordinates are {lost:.1f} m off" in ardupilot[0]
+    px4 = "\n".join(PARAMETERS["px4"]({"beacon 3 of 1/1": known, "b": other}))
+    assert "param set RNGBC1_ID 3\nparam set RNGBC1_LAT -35.36300000\nparam set RNGBC1_LON 149.16500000" in px4
+    assert "param set RNGBC1_ALT 584.20" in px4 and "# RNGBC2_ALT: the height is not observable" in px4
+
+
+@pytest.mark.parametrize(
+    ("option", "says"),
+    [
+        (("--timezone", "Mars"), "--timezone Mars: is no time zone"),
+        (("--units", "furlong"), "--units furlong: is no unit: m, cm, .* or the number of meters in one"),
+        (("--units", "-1"), "--units -1: is no unit"),
+        (("--vehicle", "2"), r"--vehicle picks one of the vehicles of a tlog; this is a table"),
+        (("--positions", str(CASES / "01-two-vehicles.tlog")), "positions of 2 vehicles: give --vehicle"),
+        (("--positions", "nowhere.gpx"), "nowhere.gpx: no such file"),
+    ],
+)
+def test_an_option_that_means_nothing_is_bad_usage(option, says):
+    with pytest.raises(Refused, match=says) as refusal:
+        cli.circnav.main(["locate", str(CASES / "02-feet.csv"), *option], standalone_mode=False)
+    assert refusal.value.exit == Exit.USAGE
+
+
+def test_a_terminal_shows_what_is_being_done_and_the_output_stays_clean(tmp_path):
+    terminal, other_end = pty.openpty()
+    command = [sys.executable, "-m", "circnav_mav", "locate", str(CASES / "02-feet.csv"), "--out", str(tmp_path)]
+    run = subprocess.run(command, stdout=subprocess.PIPE, stderr=other_end, timeout=300, check=True)
+    os.close(other_end)
+    shown = os.read(terminal, 1 << 16)
+    os.close(terminal)
+    assert (
+        b"locating target" in shown and b"locating" not in run.stdout and run.stdout.startswith(b"target: 120 ranges")
+    )

@@ -1,0 +1,69 @@
+"""What the survey adds to the verdict and the report of a flight, and what becomes of it where it cannot."""
+
+import json
+
+import pytest
+
+from circnav_mav.extras.locate.report import verdict_lines
+
+PLACE = {"latitude_deg": 47.5, "longitude_deg": 8.25, "sigma_m": 1.44, "altitude_m": None, "moves": False,
+         "speed_mps": 2.0, "course_deg": 45.0, "time_s": 60.0}  # fmt: skip
+NOTHING = {"place": None, "gps_watch": [], "handback": None}
+
+
+@pytest.mark.parametrize(
+    ("found", "words"),
+    [
+        ({"place": PLACE}, "  target     47.5000000 8.2500000 +-1.4 m, height not observable"),
+        ({"place": PLACE | {"moves": True, "altitude_m": 7.0}}, ", moves 2.0 m/s towards 045 deg, altitude 7.0 m"),
+        ({"gps_watch": [{"time_s": 61.2, "text": "off"}]}, "  WARNING    GPS watch, 61 s: off"),
+        ({"handback": {"sent": 3, "accepted": 2, "ended": "done"}}, "3 positions sent, 2 accepted; done"),
+    ],
+)
+def test_the_verdict_tells(found, words):
+    (line,) = verdict_lines(NOTHING | found)
+    assert words in line
+
+
+def test_the_verdict_keeps_silent_of_what_was_not():
+    assert verdict_lines(NOTHING | {"handback": {"sent": 0, "accepted": 0, "ended": ""}}) == []
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_a_surveyed_place_is_a_map_in_the_page(circnav, run):
+    place = PLACE | {"latitude_deg": -35.36, "longitude_deg": 149.16, "ellipse_95": {"semi_major_m": 3.7}}
+    (run / "summary.json").write_text(json.dumps({"place": place}))
+    point = {"type": "Point", "coordinates": [149.16, -35.36]}
+    features = [{"geometry": point, "properties": {"name": "target", "ellipse_95": place["ellipse_95"]}}]
+    (run / "target.geojson").write_text(json.dumps({"features": features}))
+    assert circnav("report", run).done
+    page = (run / "report.html").read_text()
+    target = page.partition("<h2>Target on the map</h2>")[2].partition("</table>")[0]
+    assert (run / "target.png").read_bytes().startswith(b"\x89PNG")
+    assert "data:image/png;base64," in target
+    assert "<td>latitude_deg</td><td>-35.36</td>" in target
+    assert "ellipse_95" not in target
+
+
+@pytest.mark.usefixtures("no_pictures")
+@pytest.mark.parametrize(
+    "changed",
+    [{"place": {"latitude_deg": 47.5}}, {"place": PLACE | {"moves": True, "course_deg": None}},
+     {"handback": {"sent": 3}}, {"gps_watch": [{}]}],
+    ids=str,
+)  # fmt: skip
+def test_a_summary_with_a_value_of_another_kind_is_told_without_a_map(circnav, run, changed):
+    (run / "summary.json").write_text(json.dumps(changed))
+    (run / "target.geojson").write_text("{}")
+    assert "left out" not in circnav("report", run).done
+    assert "<h2>Target on the map</h2>" not in (run / "report.html").read_text()
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_map_of_the_target_that_cannot_be_written_is_told_and_counts_as_not_recorded(circnav, tmp_path):
+    (tmp_path / "run" / "target.geojson").mkdir(parents=True)
+    surveyed = ("--set", "locate.enabled=true", "--set", 'guidance.law="smooth"', "--duration", 45)
+    ran = circnav("fly", "quickstart", *surveyed, "--out", tmp_path / "run")
+    assert (ran.code, ran.err) == (5, "")
+    assert "WARNING    target.geojson cannot be written: Is a directory\n" in ran.out
+    assert (tmp_path / "run" / "target.kml").is_file()

@@ -1,0 +1,25 @@
+"""Options and mission keys of the survey that are wrong: one line, and nothing is written."""
+
+import pytest
+
+
+@pytest.mark.parametrize(
+    ("command", "says"),
+    [
+        ("fly mission.toml --set locate.enabled=true --set locate.cot=nowhere.invalid:6969",
+         "locate.cot: nowhere.invalid: "),
+        ("fly mission.toml --set locate.enabled=true --set locate.cot=10.0..1:6969",
+         "locate.cot: 10.0..1: host name is not known"),
+        ("check mission.toml --set locate.cot=\"a\\u0000:6969\"", "mission.toml: locate.cot: must be host:port"),
+        ("locate nowhere", "nowhere: no such file"),
+        ("locate x --out=", "--out: is empty, give it a name"),
+    ],
+)  # fmt: skip
+def test_it_is_one_line_and_nothing_is_written(circnav, mission, command, says):
+    assert circnav(*command.split()).refused.startswith(says)
+    assert list(mission.parent.iterdir()) == [mission]
+
+
+def test_an_error_of_positions_that_no_receiver_has_is_exit_code_2(circnav):
+    ran = circnav("locate", "x.csv", "--gps-sigma", "1e-200")
+    assert ran.code == 2 and "Error: " in ran.err

@@ -1,0 +1,194 @@
+"""Files, texts and computers that nobody wishes for: each command ends in one line of printable text."""
+
+import json
+import os
+import re
+import select
+import time
+from math import cos, radians, sin
+from pathlib import Path
+from unittest.mock import Mock
+
+import pytest
+
+from circnav_mav.extras.web.feed import _facts
+from circnav_mav.foreign import MAX_LINE, printable
+from circnav_mav.mission.load import parse_mission
+from circnav_mav.mission.schema import MAX_CIRCLES, MAX_NAME
+from circnav_mav.pilot import Pilot
+from tests import small_mission
+from tests.cli.test_output import ended
+from tests.process import QUICKSTART
+
+ESCAPE = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202e"
+OBEYED = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202e]")
+"""Control codes, but for tabs and line ends, and what reverses the direction of writing."""
+
+
+def circle_log(tag):
+    """A CSV of a circle of 60 m around a beacon 20 m east of its center."""
+    rows = ["time,latitude,longitude,range,tag"]
+    for second in range(200):
+        north, east = 60 * cos(radians(6 * second)), 60 * sin(radians(6 * second))
+        distance = (north**2 + (east - 20) ** 2) ** 0.5
+        rows.append(f"{second},{46 + north / 111_195},{7 + east / 77_240},{distance:.3f},{tag}")
+    return "\n".join(rows)
+
+
+# --- texts ---
+
+
+def test_a_text_becomes_printable_by_escapes_and_an_ordinary_one_stays():
+    assert printable("Nairobi è – 北 §4") == "Nairobi è – 北 §4"
+    assert printable("a\x1b[31m\nb\udcff") == r"a\x1b[31m\nb\udcff"
+
+
+def test_escape_codes_of_a_tag_an_unknown_key_or_an_argument_reach_no_terminal_and_no_file(circnav, tmp_path):
+    (tmp_path / "collar.csv").write_text(circle_log(ESCAPE))
+    ran = circnav("locate", "collar.csv")
+    assert "200 ranges" in ran.done
+    (tmp_path / "odd.toml").write_text('"\\u001b[31m" = 1\n["a\\nb\\u009b2J"]\n')
+    told = [ran.out, circnav("check", "odd.toml").refused, circnav("emulate", "odd.toml").refused]
+    for arguments in (["replay", ESCAPE], ["check", ESCAPE], ["fly", "quickstart", ESCAPE], ["fly", f"--{ESCAPE}"]):
+        told.append(circnav(*arguments).err)
+    told += [path.read_text() for path in tmp_path.glob("*.locate.*json")]
+    told += [path.read_text() for path in tmp_path.glob("*.kml")]
+    assert [text for text in told if OBEYED.search(text)] == []
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_escape_codes_of_a_manifest_and_of_a_mission_reach_neither_the_report_nor_the_terminal(
+    circnav, run, with_manifest
+):
+    with_manifest(mission=ESCAPE, outcome=ESCAPE, reason=ESCAPE, versions={ESCAPE: ESCAPE}, autopilot={"name": ESCAPE})
+    mission = (run / "mission.toml").read_text()
+    (run / "mission.toml").write_text(mission.replace("[ranging]", '[ranging]\nname = "\\u001b[31m"'))
+    said = [circnav("report", run).done, circnav("replay", run).out, (run / "report.html").read_text()]
+    assert r"\x1b[31m" in said[2]
+    assert [text[:99] for text in said if OBEYED.search(text)] == []
+
+
+# --- files ---
+
+
+def pipe(path):
+    os.mkfifo(path, 0o600)
+
+
+def endless(path):
+    path.symlink_to("/dev/zero")
+
+
+def long_line(path):
+    with path.open("wb") as file:
+        file.truncate(2**30)
+
+
+READERS = {
+    "check {0}": "x.toml",
+    "check quickstart --set signing.key_file={0}": "x.key",
+    "check quickstart --set sim.signing.key_file={0}": "x.key",
+    "fly quickstart --duration 1 --set signing.key_file={1}/good.key --out {1}/out": "good.key.timestamp",
+    "emulate {0}": "x.toml",
+    "campaign {0}": "x.toml",
+    "locate {0}": "x.csv",
+    "replay {0} --mission quickstart": "x.tlog",
+    "report {1}": "manifest.json ticks.csv mission.toml flight.tlog",
+    "replay {1}": "turns.csv mission.toml",
+    "locate {1}": "flight.tlog",
+    "runs clean {2} --older-than 0h --keep 0 --yes": "flight.tlog",
+    "fly quickstart --duration 1 --out {1}/out": "out/mission.toml",
+}
+
+
+@pytest.mark.usefixtures("no_pictures", "undrawn")
+@pytest.mark.parametrize("make", [pipe, endless, long_line])
+@pytest.mark.parametrize(("command", "name"), [(one, name) for one, names in READERS.items() for name in names.split()])
+def test_a_file_that_never_ends_is_refused_in_one_line(circnav, run, command, name, make):
+    """A pipe that nobody writes into, a link to /dev/zero, a line of a gigabyte."""
+    if make is long_line and name.endswith("tlog"):
+        pytest.skip("a long log is read piece by piece, whatever is in it")
+    (run / "good.key").write_bytes(bytes(range(32)))
+    (run / "good.key").chmod(0o600)
+    path = run / name
+    path.parent.mkdir(exist_ok=True)
+    path.unlink(missing_ok=True)
+    make(path)
+    ran = circnav(*command.format(path, run, run.parent).split())
+    assert ran.code in (2, 3)
+    assert str(path) in ran.line or str(path.parent) in ran.line
+
+
+def test_a_tag_is_read_up_to_a_bound_and_a_mission_up_to_its_size(circnav, tmp_path):
+    (tmp_path / "x.csv").write_text(circle_log("7" * MAX_LINE))
+    assert "tag: is longer than 100 characters" in circnav("locate", "x.csv").refused
+    (tmp_path / "x.toml").write_text("#" * 11_000_000)
+    assert circnav("check", "x.toml").refused == "x.toml: cannot be read: is larger than 10 MB"
+
+
+def test_a_mission_of_an_editor_on_windows_is_read(circnav, tmp_path):
+    text = Path(QUICKSTART).read_bytes()
+    (tmp_path / "bom.toml").write_bytes(b"\xef\xbb\xbf" + text.replace(b"\n", b"\r\n"))
+    assert circnav("check", "bom.toml").done.replace("bom.toml", "") == circnav("check", QUICKSTART).done.replace(
+        QUICKSTART, ""
+    )
+
+
+@pytest.mark.parametrize("command", ["fly mission.toml", "replay x", "locate x", "bench", "campaign wind", "paper"])
+def test_nothing_is_written_into_the_root_or_behind_a_link(circnav, mission, tmp_path, command):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.tex").write_text("x")
+    (tmp_path / "link").symlink_to(tmp_path / "mine")
+    for root in ("/", "//", "/usr/.."):
+        assert circnav(*command.split(), "--out", root).refused.endswith("is the root of the disk, name a folder in it")
+    assert f"is a link to {tmp_path / 'mine'}, which is not empty" in circnav(*command.split(), "--out", "link").refused
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["thesis.tex"]
+
+
+# --- missions of a size that nobody flies ---
+
+
+def test_the_live_page_is_sent_the_longest_mission():
+    """A line that a pipe does not take in one piece is dropped."""
+    radii = [123.45678901234567 + number for number in range(MAX_CIRCLES)]
+    pilot = Pilot(parse_mission(small_mission.TEXT, "x", [f"orbit.radius_m={radii}"]).pilot_settings())
+    assert len(json.dumps(_facts(pilot, "x" * MAX_NAME, 1.0))) < select.PIPE_BUF
+
+
+# --- computers ---
+
+
+@pytest.mark.parametrize(
+    ("limit", "command"),
+    [("-n 8", "fly quickstart --duration 1"), ("-n 5", "locate x.csv"), ("-v 60000", "check quickstart")],
+)  # fmt: skip
+def test_a_computer_without_files_or_memory_to_spare_is_one_line(tmp_path, limit, command):
+    (tmp_path / "x.csv").write_text(circle_log("a"))
+    ran = ended(tmp_path, command, limit=limit, OPENBLAS_NUM_THREADS="1")
+    assert ran.returncode in (1, 2)
+    assert re.fullmatch(r"circnav: .*(Too many open files|out of memory).*\n", ran.stderr)
+
+
+@pytest.mark.parametrize("year", [1947, 2120])
+def test_a_clock_that_was_never_set_is_one_line(circnav, monkeypatch, year):
+    monkeypatch.setattr(time, "time", lambda: (year - 1970) * 31_556_952.0)
+    assert circnav("fly", "quickstart").refused == "the clock of this computer is not between 1970 and 2100: set it"
+
+
+def test_an_exception_that_nobody_has_foreseen_is_one_line_with_its_place(circnav, monkeypatch):
+    for failure, code, says in (
+        (MemoryError(), 1, "out of memory"),
+        (RuntimeError("can't start new thread"), 1, "out of memory"),
+        (ZeroDivisionError("a\nb"), 1, r"internal error: ZeroDivisionError: a\nb (mock.py:"),
+    ):
+        monkeypatch.setattr("circnav_mav.mission.load.parse_mission", Mock(side_effect=failure))
+        ran = circnav("check", "quickstart")
+        assert ran.code == code
+        assert ran.line.startswith(f"circnav: {says}")
+
+
+def test_a_notebooks_choice_of_pictures_changes_nothing(tmp_path):
+    (tmp_path / "x.csv").write_text(circle_log("a"))
+    ran = ended(tmp_path, "locate x.csv", MPLBACKEND="module://matplotlib_inline.backend_inline")
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert (tmp_path / "x.locate.png").exists()

@@ -1,0 +1,79 @@
+"""`circnav fly --web`: the live page of a real flight, in a browser too."""
+
+import re
+import socket
+from contextlib import closing
+
+import pytest
+
+from circnav_mav.extras.web.feed import LivePage
+from circnav_mav.runtime.onlookers import Onlookers
+from tests.flight.lockstep import flight
+from tests.process import PATIENCE
+from tests.process import circnav as process_of
+
+pytestmark = pytest.mark.usefixtures("undrawn")
+
+
+@pytest.mark.parametrize("options", ["mission.toml --web eighty", "mission.toml --web 65536",
+                                     "--web mission.toml mission.toml"])  # fmt: skip
+def test_what_is_no_port_is_one_line_and_nothing_is_written(circnav, mission, options):
+    line = circnav("fly", *options.split()).refused
+    port = options.partition("--web ")[2].split()[0]
+    assert line == f"--web {port}: is not a port; write: circnav fly MISSION --web [PORT]"
+    assert list(mission.parent.iterdir()) == [mission]
+
+
+def test_the_address_of_the_page_is_told_before_the_flight(circnav, mission):
+    ran = circnav("fly", mission, "--web", 0)
+    assert (ran.code, ran.err) == (3, "")
+    assert re.search(r"live page at http://127\.0\.0\.1:\d+/\n", ran.out)
+
+
+def test_a_port_in_use_is_refused_before_anything_flies(circnav, mission, tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        line = circnav("fly", mission, "--web", port, "--out", tmp_path / "out").refused
+    assert line.startswith(f"--web {port}: 127.0.0.1:{port} cannot be had: Address already in use; choose")
+    assert not (tmp_path / "out").exists()
+
+
+DESIRED_ON_TOP = """
+[...document.querySelectorAll("#track circle.level, #track path.line")].at(-1).matches("circle")"""
+
+
+def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(browser, tmp_path):
+    """A radio that is silent for two seconds is one alarm, however often its number changes."""
+    silent = 'sim.events=[{at_s=7.0, action="mute_ranging"}, {at_s=9.0, action="unmute_ranging"}]'
+    options = ("--web", "0", "--speed", "2", "--duration", "12", "--out", str(tmp_path / "run"), "--set", silent)
+    with process_of("fly", "quickstart", *options) as flown:
+        said = next(line for line in flown.stdout if line.startswith("live page at "))
+        browser.open(said.split()[-1])
+        browser.until("document.getElementById('phase').innerText.toLowerCase() === 'engaged'")
+        browser.until("document.querySelectorAll('#charts svg.strip').length === 7")
+        browser.until("points.length > 20 && document.querySelector('#track path.line.true')")
+        longest = "svg => Math.max(...[...svg.querySelectorAll('path.line')].map(path => path.getTotalLength()))"
+        lines = "[...document.querySelectorAll('#charts svg.strip')].filter(svg => svg.querySelector('.line'))"
+        drawn = browser.value(f"{lines}.map({longest})")
+        assert len(drawn) == 4
+        assert min(drawn) > 300  # px of line in every chart
+        assert browser.value("document.getElementById('link').innerText") == "live"
+        assert browser.value(DESIRED_ON_TOP)
+        assert re.fullmatch(r"\d{3} deg", browser.value("document.querySelector('[data-fact=heading]').innerText"))
+        browser.until("!document.getElementById('outcome').hidden")
+        assert "COMPLETED: flown to its end" in browser.value("document.getElementById('outcome').innerText")
+        assert browser.value("document.getElementById('link').innerText") == "stream ended"
+        assert browser.value("alarms.map(([, words]) => words.split(' ').slice(0, 2).join(' '))") == ["RANGE STALE"]
+        told = browser.value("document.getElementById('circle').innerText")
+        assert re.fullmatch(r"100 m .*\. 2\d+-\d\d-\d\d \d\d:\d\d UTC\. ardupilot copter, firmware 4.6.3", told)
+        assert browser.complaints == []
+        flown.communicate(timeout=PATIENCE)
+    assert flown.returncode == 0
+
+
+def test_the_page_says_when_the_connection_is_lost(browser):
+    with closing(LivePage(flight("quickstart").pilot, Onlookers(), 0, name="small", tolerance=5.0, speed=1.0)) as page:
+        browser.open(page.url)
+        browser.until("document.getElementById('name').innerText === 'small'")
+        page._process.kill()
+        browser.until("document.getElementById('link').innerText === 'connection lost, trying again'")

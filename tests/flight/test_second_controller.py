@@ -1,0 +1,60 @@
+"""Another program on the same vehicle that is not received here: found by what the vehicle reports and answers."""
+
+import pytest
+from circnav_sim.faults.frames import frames, message_id, write
+
+from circnav_mav.mav.frames import euler_from_quaternion, quaternion_from_euler
+from circnav_mav.pilot.mission_state import Phase
+from tests.flight.lockstep import SETPOINT_IDS, flight
+from tests.frames import read
+
+OTHER = (1, 193)
+BEGINS = 50.0
+"""Time, s, by which each of them turns."""
+
+
+def turning_the_other_way(frame: bytes) -> bytes:
+    """A setpoint of ours as a program on the circle of the other sense sends it."""
+    message = read(frame)
+    if message.get_msgId() == 84:
+        message.yaw_rate, message.afy = -message.yaw_rate, -message.afy
+    elif message.get_msgId() == 82:
+        roll, pitch, yaw = euler_from_quaternion(message.q)
+        message.q = quaternion_from_euler(-roll, pitch, yaw)
+    else:
+        message.y = -message.y
+    return write(message, *OTHER)
+
+
+def flown_with_another(mission, until=BEGINS + 6.0):
+    """(flight, when the operator was told first, s, and words)."""
+    flown, told, seen = flight(mission, "limits.duration_s=1000.0"), {}, [0]
+
+    def other(flown):
+        sent = [frame for _, data in flown.sent[seen[0] :] for frame in frames(data)]
+        seen[0] = len(flown.sent)
+        for frame in sent if flown.now >= BEGINS else ():
+            if message_id(frame) in SETPOINT_IDS:
+                flown.vehicle.receive(turning_the_other_way(frame))
+        if words := flown.pilot.second_controller(flown.now):
+            told.setdefault(words.partition(",")[0], flown.now)
+
+    flown.fly(until, other)
+    assert flown.pilot.mission.phase in (Phase.ENGAGED, Phase.HOLDING)
+    return flown, told
+
+
+@pytest.mark.parametrize("mission", ["arducopter", "arduplane", "px4_copter", "px4_plane_attitude"])
+def test_another_programs_setpoints_are_alarmed_within_five_seconds_and_ours_are_not(mission):
+    flown, told = flown_with_another(mission)
+    assert told, "not found"
+    assert BEGINS < min(told.values()) < BEGINS + 5.0
+    assert next(iter(told)).startswith("the vehicle flies ")
+    texts = [read(frame) for _, data in flown.sent for frame in frames(data) if message_id(frame) == 253]
+    assert "circnav: another program steers, too" in [text.text for text in texts]
+
+
+@pytest.mark.parametrize("mission", ["ardurover", "px4_plane"])
+def test_a_vehicle_that_reports_no_setpoint_does_not_show_it(mission):
+    """As docs/safety.md says."""
+    assert flown_with_another(mission, until=BEGINS + 4.0)[1] == {}

@@ -1,0 +1,60 @@
+"""Requests for another circle: what is refused and why, and when a lap is complete."""
+
+from math import inf, nan, pi
+
+import pytest
+
+from circnav_mav.guidance.circle_change import LAPS, CircleLimits, CircleRequest, LapCounter, obstacle
+from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate
+
+ORBIT = Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35)
+LIMITS = CircleLimits(speed=15.0, nearest=40.0, farthest=500.0)
+
+
+@pytest.mark.parametrize(
+    ("request_", "limits", "why"),
+    [
+        (CircleRequest(radius=60.0), LIMITS, ""),
+        (CircleRequest(direction=Direction.COUNTERCLOCKWISE), LIMITS, ""),
+        (CircleRequest(speed=16.5), LIMITS, ""),
+        (CircleRequest(radius=40.0), LIMITS, "radius 40 m outside 40 to 500 m"),
+        (CircleRequest(radius=501.0), LIMITS, "radius 501 m outside 40 to 500 m"),
+        (CircleRequest(radius=nan), LIMITS, "radius nan m outside 40 to 500 m"),
+        (CircleRequest(radius=-60.0), CircleLimits(speed=15.0), "radius -60 m outside 0 to inf m"),
+        (CircleRequest(speed=18.5), LIMITS, "speed 18.5 m/s outside 12 to 18 m/s"),
+        (CircleRequest(speed=nan), LIMITS, "speed nan m/s outside 12 to 18 m/s"),
+        (CircleRequest(speed=-15.0), LIMITS, "speed -15 m/s outside 12 to 18 m/s"),
+        (CircleRequest(speed=16.0), CircleLimits(15.0, keeps_speed=True), "this autopilot holds its own airspeed"),
+        (CircleRequest(radius=42.0), LIMITS, "radius 42 m: turn rate allows 43 m"),
+        (CircleRequest(radius=55.0), CircleLimits(15.0, 40.0, turn_gain=0.7), "radius 55 m: turn rate allows 61 m"),
+    ],
+)  # fmt: skip
+def test_a_circle_that_bounds_speed_or_turn_rate_forbid_is_refused_with_its_limit(request_, limits, why):
+    assert obstacle(request_, ORBIT, limits) == why
+    assert len(why) <= 50 - len("circnav: ")  # of a STATUSTEXT
+
+
+def test_what_a_request_leaves_out_stays_as_it_was():
+    assert CircleRequest().applied(ORBIT) == ORBIT
+    turned = CircleRequest(radius=60.0, direction=Direction.COUNTERCLOCKWISE).applied(ORBIT)
+    assert turned == Orbit(60.0, Direction.COUNTERCLOCKWISE, 15.0, 0.35)
+
+
+@pytest.mark.parametrize(
+    ("r", "sign", "completes"), [(100.0, -1, True), (109.0, -1, True), (111.0, -1, False), (100.0, 1, False)]
+)
+def test_a_lap_counts_near_the_circle_and_in_its_sense_only(r, sign, completes):
+    laps, turn_rate, when = LapCounter(), sign * 0.15, None
+    for step in range(1000):
+        estimate = RangeEstimate(step / 10, r, 0.0, 0.5, 0.5)
+        if laps.complete(estimate, ORBIT, turn_rate):
+            when = step / 10
+            break
+    assert (when is not None) is completes
+    if when is not None:
+        assert when == pytest.approx(LAPS * 2 * pi / 0.15, abs=0.2)
+
+
+def test_a_gap_between_two_steps_counts_as_a_fifth_of_a_second():
+    laps, times = LapCounter(), (0.0, 1000.0, inf)
+    assert not any(laps.complete(RangeEstimate(time, 100.0, 0.0, 0.5, 0.5), ORBIT, -1.0) for time in times)

@@ -1,0 +1,130 @@
+"""Commanded against flown turns: a vehicle that does not follow, and a turn that swings, and what is neither."""
+
+from math import inf, pi, sin
+
+import numpy as np
+import pytest
+
+from circnav_mav.guidance.turn_monitor import BIN, LEAST, TurnBin, TurnMonitor
+from circnav_mav.guidance.turn_response import CandidateTurns, TurnBins
+
+LIMIT = 0.5
+DELAYS = (0, 1, 2, 4)
+"""Bins by which the candidates of these tests are late."""
+
+
+def monitored(command, flown, seconds=30.0, *, noise=0.0, monitor=None, start=0.0):
+    """The monitor after so long. command: turn rate by the time. flown: of the time and of the commands so far, newest
+    last."""
+    monitor, rng, said = monitor or TurnMonitor(LIMIT), np.random.default_rng(4), [0.0] * 20
+    for i in range(round(seconds / BIN)):
+        time = start + i * BIN
+        said.append(min(max(command(time), -LIMIT), LIMIT))
+        predicted = np.array([said[-1 - late] for late in DELAYS])
+        monitor.take(TurnBin(time, predicted, flown(time, said) + noise * rng.standard_normal(), said[-1]), -inf)
+    return monitor
+
+
+def circle(time):
+    """An approach to and fro, then a circle in wind."""
+    return 0.5 * np.sign(sin(0.9 * time)) if time < 12 else 0.15 + 0.08 * sin(2 * pi * time / 30)
+
+
+@pytest.mark.parametrize("gain", [0.4, 0.7, 1.0, 1.5])
+@pytest.mark.parametrize("late", [0, 2, 4])
+def test_a_vehicle_that_follows_late_and_by_any_gain_in_gusts_raises_nothing(gain, late):
+    assert monitored(circle, lambda time, said: gain * said[-1 - late], 120.0, noise=0.05).follows
+
+
+@pytest.mark.parametrize(
+    "flown",
+    [
+        lambda time, said: 0.0,
+        lambda time, said: 0.12,
+        lambda time, said: -said[-2],
+        lambda time, said: 0.1 * said[-2],
+    ],
+    ids=["flies straight", "turns by itself", "reversed", "weak"],
+)
+def test_one_that_does_not_is_found_within_5_s_of_the_turns(flown):
+    assert not monitored(circle, flown, 5.0, noise=0.01).follows
+
+
+def test_one_wrong_bin_is_no_disobedience():
+    assert monitored(lambda t: 0.2, lambda t, said: -0.5 if t % 15 < BIN else said[-2], 120.0, noise=0.01).follows
+
+
+def test_what_is_followed_again_ends_it_and_a_turn_that_does_not_change_does_not():
+    stopped = monitored(circle, lambda time, said: 0.0, 5.0)
+    assert stopped.since < 5.0
+    steady = monitored(lambda time: 0.3, lambda time, said: 0.3, 20.0, monitor=stopped, start=5.0)
+    assert not steady.follows
+    assert monitored(
+        lambda time: 0.3 * sin(time), lambda time, said: said[-2], 10.0, monitor=steady, start=25.0
+    ).follows
+
+
+def test_commands_too_small_to_tell_raise_nothing():
+    assert monitored(lambda time: 0.01, lambda time, said: 0.0, 60.0, noise=0.01).follows
+
+
+@pytest.mark.parametrize("period", [1.0, 1.4, 2.5, 3.0])
+def test_a_swing_of_up_to_3_s_is_a_cycle_within_15_s_and_lowers_the_gains_but_not_without_end(period):
+    def swing(time):
+        return 0.15 + 0.25 * sin(2 * pi * time / period)
+
+    def follow(time, said):
+        return said[-2]
+
+    assert monitored(swing, follow, 15.0, noise=0.02).share < 1.0
+    assert monitored(swing, follow, 200.0, noise=0.02).share == LEAST
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        lambda time: 0.15 + 0.1 * sin(2 * pi * time / 40),
+        lambda time: 0.15 + 0.12 * sin(2 * pi * time / 1.5),
+        lambda time: 0.35 * sin(2 * pi * time / 6),
+        lambda time: 0.15 if time > 16 else LIMIT if time // 2.5 % 2 == 0 else -LIMIT,
+    ],
+    ids=["the circle in wind", "restless, but small", "the weave of a search", "an approach, six times to and fro"],
+)
+def test_what_a_flight_needs_is_no_cycle(command):
+    monitor = monitored(command, lambda time, said: said[-2], 60.0)
+    assert (monitor.share, monitor.cycles) == (1.0, 0)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_gusts_are_no_cycle_however_large(seed):
+    """Noise through a loop with a period of 2.4 s and a damping of 0.3."""
+    rng, state = np.random.default_rng(seed), [0.0, 0.0]
+
+    def gusty(time):
+        for _ in range(10):
+            rate = state[1] + (-(2.6**2) * state[0] - 2 * 0.3 * 2.6 * state[1]) * 0.02 + rng.standard_normal() * 0.18
+            state[:] = state[0] + rate * 0.02, rate
+        return state[0]
+
+    assert monitored(gusty, lambda time, said: said[-2], 120.0).cycles == 0
+
+
+def test_a_swing_that_stops_lowers_the_gains_no_further():
+    shares = [
+        monitored(lambda t: 0.4 * sin(2 * pi * t) if t < 8 else 0.15, lambda t, said: said[-2], seconds).share
+        for seconds in (30.0, 200.0)
+    ]
+    assert shares[0] == shares[1] < 1.0
+
+
+def test_a_link_whose_delay_is_estimated_anew_changes_no_prediction():
+    candidates = CandidateTurns()
+    bins, rates = TurnBins(candidates), []
+    for i in range(400):
+        time = 0.05 * i
+        candidates.command(time, 0.2)
+        new = bins.take(time, 0.2 * time, 0.05 if i % 17 < 9 else 0.6)
+        if new is not None and time > 3.0:
+            rates.append(new.predicted)
+    assert len(rates) > 30
+    assert np.allclose(rates, 0.2)

@@ -1,0 +1,45 @@
+"""What a vehicle teaches about its answer to turn commands, and what it does not."""
+
+from math import sin
+
+import pytest
+
+from circnav_mav.guidance.turn_response import TurnAnswer
+from circnav_mav.guidance.types import OwnMotion
+
+STEP, DEAD, LAG, GAIN = 0.05, 0.2, 0.15, 0.9
+
+
+class Vehicle:
+    """Turns at 0.9 of what it was commanded 0.2 s before, through a lag of 0.15 s; flies on for 3 s when deaf."""
+
+    def __init__(self):
+        self.answer, self.now, self.heading, self.rate = TurnAnswer(0.4, 0.5), 0.0, 0.0, 0.0
+        self._on_the_way = [0.0] * round(DEAD / STEP)
+
+    def fly(self, seconds, *, deaf=False):
+        last, since = self._on_the_way[-1], self.now
+        for _ in range(round(seconds / STEP)):
+            # a circle, and what keeps the vehicle on it; off the circle, the command calls for more and more
+            command = 0.17 + 0.1 * sin(0.9 * self.now) + (0.3 * min((self.now - since) / 3, 1.0) if deaf else 0.0)
+            self.answer.command(self.now, command)
+            heard = command if not deaf else last if self.now - since < 3.0 else 0.0
+            self._on_the_way.append(heard)
+            self.rate += (GAIN * self._on_the_way.pop(0) - self.rate) * STEP / LAG
+            self.heading += self.rate * STEP
+            self.now = round(self.now + STEP, 6)
+            self.answer.feel(OwnMotion(self.now, self.heading, self.rate, 5.0))
+        return self.answer
+
+
+def test_commands_that_a_dead_uplink_swallowed_teach_nothing():
+    """A minute of them made the answer of a copter 60 ms too quick, and its gains so high that it swung for 45 s."""
+    vehicle = Vehicle()
+    before, gain = vehicle.fly(90.0).response, vehicle.answer.gain
+    assert before.learnt and before.delay == pytest.approx(DEAD + LAG, abs=0.05)
+    vehicle.fly(60.0, deaf=True)
+    assert vehicle.answer.response.delay == pytest.approx(before.delay, abs=0.005)
+    assert vehicle.answer.gain == pytest.approx(gain, abs=0.005)
+    vehicle.fly(20.0)
+    assert vehicle.answer.response.delay == pytest.approx(before.delay, abs=0.02)
+    assert vehicle.answer.gain == pytest.approx(gain, abs=0.02)

@@ -1,0 +1,63 @@
+"""The setpoint that the vehicle reports against those sent: whose it is, whatever link and autopilot do to it."""
+
+from math import cos, sin
+
+import pytest
+
+from circnav_mav.pilot.echo_watch import WITHIN, EchoWatch
+
+TICK = 0.05
+
+
+def watched(ours, reported, *, seconds=20.0, rate=4, limited=False, trip=0.0, sends=lambda now: True):
+    """Whether another's turn was found, and when it was first, s. ours, reported: of the time."""
+    watch, found = EchoWatch(), None
+    for step in range(round(seconds / TICK)):
+        now = step * TICK
+        if sends(now):
+            watch.sent(ours(now), now)
+        if step % round(1 / (rate * TICK)) == 0:
+            watch.reported(reported(now), now, trip, limited=limited)
+        if found is None and watch.other(now):
+            found = now
+    return found
+
+
+def weaving(now):
+    return 0.3 * sin(2 * now)
+
+
+@pytest.mark.parametrize("limited", [True, False])
+@pytest.mark.parametrize("trip", [0.0, 0.5, 2.0])
+def test_our_own_setpoint_is_known_however_late_it_is_reported(trip, limited):
+    assert watched(weaving, lambda now: weaving(max(now - trip - 0.1, 0.0)), limited=limited, trip=trip) is None
+
+
+def test_a_bank_that_the_autopilot_limits_is_ours_and_one_beyond_it_or_the_other_way_is_not():
+    for reported, found in ((0.35, False), (0.0, False), (0.6, False), (0.85, True), (-0.25, True)):
+        assert (watched(lambda now: 0.6, lambda now, turn=reported: turn, limited=True) is not None) is found
+
+
+@pytest.mark.parametrize("other", [lambda now: 0.1, lambda now: -0.17, lambda now: 0.24, lambda now: None])
+@pytest.mark.parametrize("every", [1, 2, 3])
+def test_another_turn_is_found_within_five_seconds_also_where_only_some_reports_show_it(other, every):
+    def reported(now):
+        return other(now) if round(4 * now) % every == 0 else 0.17
+
+    found = watched(lambda now: 0.17, reported)
+    assert found is not None
+    assert found <= 2.0 + WITHIN
+
+
+def test_single_reports_of_another_turn_are_none():
+    assert watched(lambda now: 0.17, lambda now: 0.5 if now % 2.0 < 0.1 else 0.17) is None
+
+
+def test_where_we_send_nothing_or_have_just_begun_the_vehicle_flies_what_it_likes():
+    for sends in (lambda now: False, lambda now: now % 2.0 < 1.0):
+        assert watched(lambda now: 0.17, lambda now: 0.5, sends=sends) is None
+
+
+def test_a_smooth_turn_that_two_circnavs_on_one_circle_would_both_send_is_not_told_from_ours():
+    """What docs/safety.md says: it does no harm."""
+    assert watched(weaving, lambda now: weaving(now) + 0.02 * cos(now)) is None

@@ -1,0 +1,97 @@
+"""Onlookers: one that fails, in whatever it does, ends no flight, is reported, and leaves the others alone."""
+
+import pytest
+
+from circnav_mav.pilot.loop_step import LoopStep
+from circnav_mav.runtime.onlookers import Onlooker, Onlookers
+
+
+class Sound(Onlooker):
+    """Does everything that an onlooker can do, and remembers the steps that it was shown."""
+
+    name = "sound"
+
+    def __init__(self):
+        self.steps, self.closed = [], False
+
+    def on_step(self, newest, step, recording_problem):
+        self.steps.append(step.time)
+        return [b"frame"]
+
+    def facts(self, now):
+        return {"place": "known"}
+
+    def alarms(self, now):
+        return ["SOUND: loud"]
+
+    def finish(self, summary):
+        summary["notes"].append("  sound")
+        return {"sound.txt": "heard"}
+
+    def close(self):
+        self.closed = True
+
+
+def fails(*given):
+    raise ValueError("Out of range float values are not JSON compliant")
+
+
+def flown(one, other):
+    """What comes of a short flight with two onlookers."""
+    onlookers, summary = Onlookers([one, other]), {"notes": []}
+    onlookers.start(1)
+    frames = []
+    for moment in (1.0, 2.0, 3.0):
+        if onlookers.busy:
+            frames += onlookers.on_step(None, LoopStep(moment), None)
+        seen = onlookers.facts(moment), onlookers.alarms(moment)
+    files = onlookers.finish(summary)
+    onlookers.show_verdict("COMPLETED")
+    onlookers.close()
+    return frames, seen, files, summary["notes"], list(onlookers.all_problems())
+
+
+@pytest.mark.parametrize(
+    ("what", "when"),
+    [("start", " at 0.0 s"), ("on_step", " at 1.0 s"), ("facts", " at 1.0 s"), ("alarms", " at 1.0 s"),
+     ("busy", ""), ("finish", " at the end"), ("show_verdict", " at the end"), ("close", " at the end")],
+)  # fmt: skip
+def test_one_that_fails_is_reported_once_and_shown_no_more_and_the_others_go_on(what, when):
+    class Broken(Onlooker):
+        name = "broken"
+        busy = property(fails) if what == "busy" else True
+
+    broken, sound = Broken(), Sound()
+    sound.busy = True
+    if what != "busy":
+        setattr(broken, what, fails)
+    frames, seen, files, notes, problems = flown(broken, sound)
+    assert (sound.steps, frames, sound.closed) == ([1.0, 2.0, 3.0], [b"frame"] * 3, True)
+    assert (files, notes) == ({"sound.txt": "heard"}, ["  sound"])
+    assert problems == [f"broken: stopped{when}: ValueError('Out of range float values are not JSON compliant')"]
+    assert seen[0] == {"place": "known"} and "SOUND: loud" in seen[1]
+
+
+def test_one_that_has_failed_is_an_alarm_and_shown_no_further_step():
+    tries = []
+
+    class Broken(Onlooker):
+        name = "live page"
+
+        def on_step(self, newest, step, recording_problem):
+            tries.append(step.time)
+            return fails() if step.time > 1.0 else ()
+
+    onlookers = Onlookers([Broken()])
+    for moment in (1.0, 2.0, 3.0):
+        assert onlookers.on_step(None, LoopStep(moment), None) == []
+        assert bool(onlookers.alarms(moment)) == (moment > 1.0)
+    assert tries == [1.0, 2.0]
+    assert onlookers.alarms(3.0) == onlookers.problems
+
+
+def test_the_slowest_pace_that_an_onlooker_asks_for_is_flown():
+    slow, slower = Onlooker(), Onlooker()
+    assert Onlookers([Onlooker()]).pace is None
+    slow.pace, slower.pace = 6.0, 2.0
+    assert Onlookers([Onlooker(), slow, slower]).pace == 2.0

@@ -1,0 +1,67 @@
+"""python -m tests.tools.faults.uplink [--seeds N] [--first N] [--profile P]: a minute without uplink, over seeds.
+
+The vehicle's telemetry and ranges still arrive, our commands do not. Prints for each seed how long after the outage the
+circle is regained, and how far the vehicle swings about it once it has reached it. The fault matrix flies one seed.
+"""
+
+import argparse
+import sys
+from math import inf
+from typing import NamedTuple
+
+from circnav_sim.faults import Impairment
+
+from tests.tools.faults.course import BAND, Course
+
+OUTAGE, AFTER = 60.0, 50.0
+WITHIN, MOST_SWING = 25.0, 0.1
+"""Time to regain the circle, s, and the largest radius error after it was first reached, of the radius."""
+
+
+class Regained(NamedTuple):
+    """within: s, None: not at all. swing: of the radius. broken: rules for setpoints that were broken."""
+
+    within: float | None
+    swing: float
+    broken: tuple[str, ...]
+
+    @property
+    def passed(self) -> bool:
+        return self.within is not None and self.within <= WITHIN and self.swing < MOST_SWING and not self.broken
+
+
+def fly(profile: str, seed: int) -> Regained:
+    """Fly one seed of a vehicle, law `auto`, until its circle is steady; then cut the uplink."""
+    course = Course(profile, ('guidance.law="auto"', f"sim.seed={seed}")).fly(110.0)
+    start = course.now
+    course.link.impair(up=Impairment(loss=1.0))
+    course.fly(start + OUTAGE)
+    course.link.impair()
+    course.fly(course.now + AFTER)
+    errors = course.errors(start + OUTAGE, inf)
+    outside = [time for time, error in errors if abs(error) > BAND]
+    reached = next((time for time, error in errors if abs(error) < BAND), inf)
+    swing = max((abs(error) for time, error in errors if time > reached), default=inf)
+    done = course.pilot.mission.outcome is not None or not outside or outside[-1] > course.now - 5.0
+    within = None if done else outside[-1] - start - OUTAGE
+    return Regained(within, swing, tuple(course.broken))
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.tools.faults.uplink", description="Flies uplink outages.")
+    parser.add_argument("--profile", default="arducopter")
+    parser.add_argument("--first", type=int, default=1)
+    parser.add_argument("--seeds", type=int, default=100)
+    options = parser.parse_args(arguments)
+    failed = 0
+    for seed in range(options.first, options.first + options.seeds):
+        one = fly(options.profile, seed)
+        failed += not one.passed
+        took = "not regained" if one.within is None else f"{one.within:.1f} s"
+        print(f"seed {seed}: {took}, swing {100 * one.swing:.1f} %{'' if one.passed else ', FAIL'}", flush=True)
+    print(f"{options.seeds} seeds, {failed} failed, {options.profile}")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
