@@ -8,6 +8,7 @@ import numpy as np
 import tomlkit
 
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
+from circnav_mav.extras.locate.command import mission_of, read
 from circnav_mav.extras.locate.estimator import (
     CALIBRATED,
     UNCALIBRATED,
@@ -17,13 +18,13 @@ from circnav_mav.extras.locate.estimator import (
     Track,
     locate_as_it_shows,
 )
+from circnav_mav.extras.locate.logs.interface import ReadOptions
 from circnav_mav.extras.locate.place import Array, Place, Plane
-from circnav_mav.extras.locate.range_log import EmptyLogError, RangeLog, read_log
+from circnav_mav.extras.locate.range_log import RangeLog, corrected
 from circnav_mav.mav.ranging.calibration import Calibration, rising
 from circnav_mav.mission.load import MissionError, load_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.runlog.atomic_write import write_text
-from circnav_mav.runlog.run_folder import RunError
 
 BIAS, CLOCKS = 10.0, 0.1
 """Standard deviations of an uncalibrated radio's bias, m, and of its delay, s: one recorder stamps both."""
@@ -33,6 +34,8 @@ BINS = 8
 """Most bins of the error over range."""
 CURVED = 2.0
 """Errors of a position by which a bin must lie off the straight line before a table replaces the line."""
+SHARP = 0.01
+"""Standard deviation below which a scale counts as observed: 1 m at 100 m."""
 ROUNDS = 4
 """Times that the place is found again with the table: each changes it less."""
 MISSION_HEIGHT = 0.1
@@ -52,19 +55,28 @@ class Bin:
     count: int
 
 
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """Error of a radio. place: of the beacon. true, error: length of each range and by how much it was reported too
+    long, m. scale_sigma: standard deviation of the scale where it is free, apart from the bias."""
+
+    place: Place
+    calibration: Calibration
+    true: Array
+    error: Array
+    scale_sigma: float
+
+
 def calibrate_radio(
-    path: str, *, tag: str | None, sigma: float | None, gps_sigma: float, altitude: float | None, mission: str | None,
-    out: str | None,
+    path: str, *, tag: str | None, vehicle: int | None, positions: str | None, range_name: str | None,
+    sigma: float | None, gps_sigma: float, altitude: float | None, mission: str | None, out: str | None,
 ) -> int:  # fmt: skip
     """Print and plot the error over range; write the keys. Raises Refused."""
     source = Path(path)
     with refusing(source):
-        flown = _mission(source / "mission.toml") if (source / "mission.toml").exists() else None
-        try:
-            log = read_log(source) if flown is None else read_log(source, flown.file.ranging.name)
-        except RunError as error:
-            raise Refused(str(error), Exit.NOTHING_HEARD if isinstance(error, EmptyLogError) else Exit.USAGE) from None
-        tag = _tag(log, tag, source)
+        flown = mission_of(source)
+        name = range_name or (flown.file.ranging.name if flown is not None else ReadOptions().range_name)
+        log, tag = _radio(read(source, ReadOptions(name, vehicle=vehicle), positions), tag, source)
         plane = log.plane()
         track, (ranges, said) = log.track(plane), log.of(tag, sigma)
         up, up_sigma = _target_height(track, altitude, flown)
@@ -75,60 +87,60 @@ def calibrate_radio(
         found = measure(plane, track, ranges, known)
         if isinstance(found, NotYet):
             raise Refused(f"{source}: {tag}: the beacon was not located: {found.why}", Exit.NOTHING_HEARD)
-        place, calibration, errors = found
-        _say(tag, place, calibration, _bins(*errors))
-        lines = keys_of(calibration)
+        for note in log.notes:
+            say(f"note: {note}")
+        _say(tag, found)
+        lines = keys_of(found.calibration)
         folder = Path(out) if out else source if source.is_dir() else source.parent
         folder.mkdir(parents=True, exist_ok=True)
-        name = folder / ("calibration" if source.is_dir() else f"{source.stem}.calibration")
-        write_text(name.with_name(f"{name.name}.toml"), "[ranging]\n" + "".join(f"{line}\n" for line in lines))
-        _plot(name.with_name(f"{name.name}.png"), calibration, errors, tag)
-        say("[ranging]")
-        for line in lines:
-            say(line)
-        say(f"  written    {name}.toml, .png")
+        name = "calibration" if source.is_dir() else f"{source.stem}.calibration"
+        write_text(folder / f"{name}.toml", "[ranging]\n" + "".join(f"{line}\n" for line in lines))
+        _plot(folder / f"{name}.png", found, tag)
+        say("\n".join(["[ranging]", *lines]))
+        say(f"  written    {folder / name}.toml, .png")
         if mission is not None:
-            write_into(Path(mission), calibration)
+            write_into(Path(mission), found.calibration)
             say(f"  written    into {mission}: the next flight uses it")
     return Exit.DONE
 
 
-def measure(
-    plane: Plane, track: Track, ranges: Ranges, known: Knowledge
-) -> tuple[Place, Calibration, tuple[Array, Array]] | NotYet:
-    """Return the place of the beacon, the calibration, and the true lengths with their errors, m."""
-    place = locate_as_it_shows(plane, track, ranges, known)
-    if isinstance(place, NotYet):
-        return place
+def measure(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> Measured | NotYet:
+    """Return the error of a radio by positions and the ranges that it reported."""
+    place = free = locate_as_it_shows(plane, track, ranges, known)
+    if isinstance(free, NotYet):
+        return free
+    if not free.scale_found:  # on one radius any scale fits, with a bias to it
+        place = locate_as_it_shows(plane, track, ranges, replace(known, scale_sigma=CALIBRATED))
+        if isinstance(place, NotYet):
+            return place
+    assert isinstance(place, Place)
     delay = round(-place.delay, 3) if abs(place.delay) > max(3 * place.delay_sigma, LATE) else 0.0
-    errors = _errors(place, track, ranges)
-    if not place.scale_known:  # on one radius any scale fits, with a bias to it
-        return place, Calibration(1.0, round(place.range_error(place.range_scale)[0], 2), delay), errors
-    linear = Calibration(round(1 + place.scale, 5), round(place.bias, 2), delay)
-    bins = _bins(*errors)
-    off = [abs(one.error - place.range_error(one.true)[0]) - 3 * one.spread / one.count**0.5 for one in bins]
+    scale, bias = (
+        (1.0, place.range_error(place.range_scale)[0]) if not place.scale_found else (1 + place.scale, place.bias)
+    )
+    linear = Calibration(round(scale, 5), round(bias, 2), delay)
+    straight = Measured(place, linear, *_errors(place, track, ranges), free.scale_sigma)
+    bins = _bins(straight.true, straight.error)
+    off = [abs(one.error - (linear.reported(one.true) - one.true)) - 3 * one.spread / one.count**0.5 for one in bins]
     if max(off, default=0.0) <= CURVED * known.gps_sigma:
-        return place, linear, errors
+        return straight
     # The radio is not linear. The place by the line is a little off, and so is the table by that place: with each
     # round both improve, as the circle gives the place whatever a radio adds on it. The delay stays: on a straight
     # approach it and a bias of the far ranges are one, and together they would run away.
     track = replace(track, time=track.time - place.delay)
     settled = replace(known, bias_sigma=1.0, scale_sigma=CALIBRATED, delay_sigma=0.001)
-    calibration, best = linear, place
+    curved = straight
     for _ in range(ROUNDS):
         points = tuple((round(one.true, 1), round(one.true + one.error, 2)) for one in bins)
         if not rising(points):
-            return place, linear, errors
+            return straight
         calibration = Calibration(points=points, delay=delay)
-        true, slope = np.array([calibration.true(r) for r in ranges.r]).T
-        kept = true > 0
-        corrected = Ranges(ranges.time[kept], true[kept], (ranges.sigma * slope)[kept])
-        again = locate_as_it_shows(plane, track, corrected, settled)
+        again = locate_as_it_shows(plane, track, corrected(ranges, replace(calibration, delay=0.0)), settled)
         if isinstance(again, NotYet):
-            return place, linear, errors
-        best = again
-        bins = _bins(*_errors(best, track, ranges))
-    return best, calibration, _errors(best, track, ranges)
+            return straight
+        curved = Measured(again, calibration, *_errors(again, track, ranges), free.scale_sigma)
+        bins = _bins(curved.true, curved.error)
+    return curved
 
 
 def keys_of(calibration: Calibration) -> list[str]:
@@ -138,7 +150,8 @@ def keys_of(calibration: Calibration) -> list[str]:
 
 def write_into(file: Path, calibration: Calibration) -> None:
     """Write a calibration into a mission file, whose comments and other keys stay. Raises Refused, OSError."""
-    _mission(file)
+    with refusing(file, MissionError):
+        load_mission(file)
     document = tomlkit.parse(file.read_text(encoding="utf-8"))
     table = document["ranging"]
     assert isinstance(table, tomlkit.items.Table)
@@ -147,7 +160,6 @@ def write_into(file: Path, calibration: Calibration) -> None:
     for key, value in _keys(calibration).items():
         table[key] = value
     write_text(file, tomlkit.dumps(document))
-    _mission(file)
 
 
 def _keys(calibration: Calibration) -> dict[str, float | list[list[float]]]:
@@ -158,18 +170,14 @@ def _keys(calibration: Calibration) -> dict[str, float | list[list[float]]]:
     return keys | ({"delay_s": calibration.delay} if calibration.delay else {})
 
 
-def _mission(file: Path) -> Mission:
-    with refusing(file, MissionError):
-        return load_mission(file)
-
-
-def _tag(log: RangeLog, tag: str | None, source: Path) -> str:
-    if tag is None and len(log.ranges) == 1:
-        return next(iter(log.ranges))
-    if tag not in log.ranges:
-        names = ", ".join(map(repr, log.ranges))
+def _radio(logs: Sequence[RangeLog], tag: str | None, source: Path) -> tuple[RangeLog, str]:
+    """Return the one radio to calibrate, with its log. Raises Refused."""
+    radios = [(log, name) for log in logs if len(log.positions) > 1 for name in log.ranges]
+    chosen = [(log, name) for log, name in radios if tag in (None, name)]
+    if len(chosen) != 1:
+        names = ", ".join(repr(name) for _, name in radios)
         raise Refused(f"{source}: one radio at a time: give --tag, one of {names}")
-    return tag
+    return chosen[0]
 
 
 def _target_height(track: Track, altitude: float | None, mission: Mission | None) -> tuple[float, float]:
@@ -203,33 +211,36 @@ def _bins(true: Array, error: Array) -> list[Bin]:
     return found
 
 
-def _say(tag: str, place: Place, calibration: Calibration, bins: Sequence[Bin]) -> None:
+def _say(tag: str, found: Measured) -> None:
+    place, calibration = found.place, found.calibration
     say(f"{tag}: {place.used} ranges, noise {place.noise:.2f} m, beacon at {place.words()}")
     say("  true range     reported too long by    spread    ranges")
-    for one in bins:
+    for one in _bins(found.true, found.error):
         say(f"  {one.true:8.1f} m     {one.error:+10.2f} m        {one.spread:8.2f} m  {one.count:6d}")
     error, sigma = place.range_error(place.range_scale)
     if calibration.points:
         say("  radio      not linear: a table of points")
-    elif place.scale_known:
+    elif place.scale_found:
         scale = f"scale {1 + place.scale:.4f} +-{place.scale_sigma:.4f}"
         say(f"  radio      {scale}, bias {place.bias:+.2f} +-{place.bias_sigma:.2f} m")
+    elif found.scale_sigma < SHARP:
+        say(f"  radio      {error:+.2f} +-{sigma:.2f} m too long; scale 1 within {found.scale_sigma:.4f}")
     else:
         say(
-            f"  radio      {error:+.2f} +-{sigma:.2f} m at {place.range_scale:.0f} m. Scale and bias not observable on "
-            "one radius: right for this radius only; fly the approach or a second radius as well"
+            f"  radio      {error:+.2f} +-{sigma:.2f} m too long at {place.range_scale:.0f} m. Scale and bias not "
+            "observable apart: right at this range only; fly the approach or a second radius as well"
         )
     if not place.up_known:
         say("  WARNING    the height of the beacon is not known and looks like a bias: give --altitude")
 
 
-def _plot(path: Path, calibration: Calibration, errors: tuple[Array, Array], tag: str) -> None:
+def _plot(path: Path, found: Measured, tag: str) -> None:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
     from circnav_mav.report.plots import STYLE, literal, save
 
-    true, error = errors
+    true, error, calibration = found.true, found.error, found.calibration
     line = np.linspace(0, float(true.max()), 200)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(8, 4.5), layout="constrained")

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from circnav_mav.extras.locate.place import Array, Place, Plane
+from circnav_mav.extras.locate.place import SIGNIFICANT, Array, Place, Plane
 
 LEAST = 20
 """Ranges below which nothing is estimated."""
@@ -41,8 +41,6 @@ MOVING_WINDOW = 120.0
 """Newest time, s, by which a moving target is judged: it does not keep its velocity for longer."""
 CALIBRATED, UNCALIBRATED = 0.001, 0.1
 """Standard deviation of a radio's scale error: of a radio that measures true meters, and of one that does not."""
-SIGNIFICANT = 3.0
-"""Standard deviations from zero at which the bias or scale of a radio counts as found."""
 EXPLAINED = 1.3
 """Residuals over what the ranges say of themselves, up to which rest explains them."""
 UP_KNOWN = 2.0
@@ -110,10 +108,10 @@ def locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: P
         quiet = place.noise < EXPLAINED * float(np.median(ranges.sigma))
         if quiet and abs(place.bias) < SIGNIFICANT * place.bias_sigma:
             return place
-    # The radio may not measure true meters. With the scale free, the ranges decide, and whatever they cannot separate
-    # from it (a height, a bias) becomes less certain. The noise tells nothing: what does not fit looks like noise.
+    # Most radios measure true meters, and a scale that the ranges do not show costs certainty of the place. So it is
+    # free only if the ranges contradict a scale of 1. The noise shows nothing: an error of scale looks like noise.
     free = _locate(plane, track, ranges, replace(known, scale_sigma=UNCALIBRATED), near)
-    return free if isinstance(free, Place) and abs(free.scale) > SIGNIFICANT * free.scale_sigma else place
+    return free if isinstance(free, Place) and free.scale_found else place
 
 
 def _locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None) -> Place | NotYet:
@@ -289,7 +287,7 @@ class _Problem:
         if last is None:
             return None
         try:
-            covariance: Array = np.linalg.inv(last.jac.T @ last.jac).astype(float)
+            covariance = again.covariance(last)
         except np.linalg.LinAlgError:
             return None
         x = last.x
@@ -311,6 +309,26 @@ class _Problem:
             velocity=velocity, velocity_sigma=float(max(sd[VE], sd[VN])) if self.moves else None,
             range_scale=float(np.median(self.ranges.r)),
         )  # fmt: skip
+
+    def covariance(self, fit: Fit) -> Array:
+        """Return the covariance of the states. Raises LinAlgError."""
+        covariance: Array = np.linalg.inv(fit.jac.T @ fit.jac).astype(float)
+        # Level with the vehicle, a range does not change with the height at first, and the derivatives promise a bias
+        # and a scale that a height would explain. It changes with the square of the height above the track. The
+        # standard deviation of that square gives the height from which on the slope is taken instead.
+        count, (far, _, _) = len(self.ranges.r), self._line_of_sight(fit.x)
+        off = float(np.median(np.abs(np.interp(self.ranges.time, self.track.time, self.track.up) - fit.x[U])))
+        if off > self.known.up_sigma:
+            return covariance
+        table = fit.jac.copy()
+        slope = table[:count, BIAS] * (1 + fit.x[SCALE]) / np.maximum(far, 1e-3)  # outliers weigh as in that column
+        table[:count, U] = self.known.up_sigma * slope
+        wide: Array = np.linalg.inv(table.T @ table).astype(float)
+        least = float(np.sqrt(self.known.up_sigma * np.sqrt(wide[U, U])))
+        if off > least:
+            return covariance
+        table[:count, U] = least * slope
+        return np.linalg.inv(table.T @ table).astype(float)
 
     def one_sided(self, fit: Fit, sigma: float) -> bool:
         """True if the ranges or the prior reject the height that is mirrored at the track. sigma: of the height, m."""

@@ -39,6 +39,8 @@ class Plane:
 Array = NDArray[np.float64]
 CHI95 = 2.4477
 """Semi-axes of the 95 % ellipse in standard deviations: the root of chi-squared with two degrees of freedom."""
+SIGNIFICANT = 3.0
+"""Standard deviations from zero at which the bias or scale of a radio counts as found."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,9 +119,9 @@ class Place:
         return float(np.sqrt(self.radio_covariance[1, 1]))
 
     @property
-    def scale_known(self) -> bool:
-        """True if the ranges separate scale and bias. Ranges of one length show only their sum."""
-        return self.scale_sigma < self.radio_prior[1] / 2
+    def scale_found(self) -> bool:
+        """True if the ranges contradict a radio that measures true meters."""
+        return abs(self.scale) > SIGNIFICANT * self.scale_sigma
 
     def range_error(self, length: float) -> tuple[float, float]:
         """Return by how much a range of this length (m) is measured too long, and the standard deviation, m."""
@@ -175,8 +177,8 @@ class Place:
             "speed_sigma_mps": None if self.velocity_sigma is None else round(self.velocity_sigma, 2),
             "range_bias_m": round(self.bias, 2),
             "range_bias_sigma_m": round(self.bias_sigma, 2),
-            "range_scale": round(1 + self.scale, 5),
-            "range_scale_sigma": round(self.scale_sigma, 5),
+            "range_scale": round(1 + self.scale, 5) if self.scale_found else None,
+            "range_scale_sigma": round(self.scale_sigma, 5) if self.scale_found else None,
             "position_delay_s": round(self.delay, 3),
             "position_delay_sigma_s": round(self.delay_sigma, 3),
             "range_noise_m": round(self.noise, 2),
@@ -195,4 +197,4 @@ class Place:
 
 
 NOT_OBSERVABLE = "not observable: one circle cannot tell it from a range bias; fly a second radius or height"
-NO_SCALE = "no scale found: the ranges fit a radio that measures true meters"
+NO_SCALE = "scale taken as 1: the ranges do not contradict it"

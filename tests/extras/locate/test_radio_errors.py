@@ -44,7 +44,7 @@ def test_a_scale_is_found_on_the_approach_and_the_place_is_as_good_as_with_a_goo
         place = locate(PLANE, *approach_and_laps(radio, gps=0.05), known)
         errors.append(hypot(place.east, place.north))
         assert errors[-1] < 3 * place.sigma < 0.6
-    assert place.scale == pytest.approx(0.07, abs=3 * place.scale_sigma) and place.scale_known
+    assert place.scale == pytest.approx(0.07, abs=3 * place.scale_sigma) and place.scale_found
     assert place.bias == pytest.approx(1.0, abs=3 * place.bias_sigma)
 
 
@@ -53,7 +53,7 @@ def test_on_one_circle_only_the_sum_of_bias_and_scale_is_claimed():
     place = locate(PLANE, track, ranges, replace(ABOVE, scale_sigma=UNCALIBRATED, bias_sigma=10.0))
     error, sigma = place.range_error(hypot(100.0, HEIGHT))
     assert error == pytest.approx(0.07 * hypot(100.0, HEIGHT), abs=3 * sigma) and sigma < 0.6
-    assert not place.scale_known and place.bias_sigma > 5
+    assert not place.scale_found and place.bias_sigma > 5
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -75,7 +75,7 @@ def test_a_level_track_claims_no_height_as_its_mirror_image_fits_as_well(seed):
 )
 def test_the_calibration_gives_the_true_radius_within_half_a_meter(radio, gps):
     known = replace(ABOVE, up_sigma=0.1, gps_sigma=gps, bias_sigma=10.0, scale_sigma=UNCALIBRATED, delay_sigma=0.1)
-    _, found, _ = measure(PLANE, *approach_and_laps(radio, gps=gps), known)
+    found = measure(PLANE, *approach_and_laps(radio, gps=gps), known).calibration
     assert bool(found.points) == (radio is SX1280 and gps < 1)
     # flown at a calibrated range of 100 m on the map
     slant, _ = radio.true(found.reported(hypot(100.0, HEIGHT)))
