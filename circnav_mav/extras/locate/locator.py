@@ -14,6 +14,7 @@ from math import hypot, isfinite
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
+from circnav_mav.extras.locate.conditions import GPS_WATCH, RADIUS
 from circnav_mav.extras.locate.estimator import Knowledge, NotYet, Ranges, Track
 from circnav_mav.extras.locate.export import camera, named_values, orbit_status, own_beacon
 from circnav_mav.extras.locate.handback import (
@@ -126,7 +127,7 @@ class Locator:
         self._now = 0.0
         self.cot_due = False
         self.radius_alarm = ""
-        """By how much the radio errs on the circle, and the true radius; empty if it is right as far as known."""
+        """Error of the radio on the circle, with the true radius; empty if the radius is right as far as known."""
 
     # --- in ---------------------------------------------------------------------------------------------------------
 
@@ -277,7 +278,7 @@ class Locator:
             which = "long" if share > 0 else "short"
             self.radius_alarm = f"ranges {100 * abs(share):.0f} % {which}: true radius {flown:.1f} m"
             if not before:
-                self._announcer.say("radius", self.radius_alarm, severity=dialect.MAV_SEVERITY_WARNING)
+                self._announcer.say(RADIUS.name, RADIUS.short.format(words=self.radius_alarm), severity=RADIUS.severity)
 
     # --- out --------------------------------------------------------------------------------------------------------
 
@@ -397,8 +398,8 @@ class Locator:
         culprit = self.watch.culprit
         if culprit is not self._culprit:
             self._culprit = culprit
-            severity = dialect.MAV_SEVERITY_WARNING if culprit else dialect.MAV_SEVERITY_NOTICE
-            text = f"GPS WATCH: {culprit.value} likeliest wrong" if culprit else "GPS, ranges agree again"
+            text = GPS_WATCH.short.format(culprit=culprit.value) if culprit else GPS_WATCH.over
+            severity = GPS_WATCH.severity if culprit else dialect.MAV_SEVERITY_NOTICE
             self._announcer.say("watch", text, severity=severity)
         if place is None or now - self._said_at < TEXT_EVERY:
             return

@@ -144,8 +144,6 @@ class RangeReader:
             reading = reading.calibrated(settings.calibration)
         if reading.slant <= 0:  # a radio reads meters too long close to its beacon, and once less than that
             return Reject.NO_RANGE
-        if reading.slant < settings.min_range_m:
-            return Reject.BELOW_MIN
         if reading.slant > settings.max_range_m:
             return Reject.ABOVE_MAX
         # before the engagement a second source may be the one that is meant; in flight it changes nothing any more
