@@ -39,8 +39,9 @@ SLOWEST = 0.15
 """Speed, m/s, below which a target stands: the error of a GPS wanders as quickly."""
 MOVING_WINDOW = 120.0
 """Newest time, s, by which a moving target is judged: it does not keep its velocity for longer."""
-CALIBRATED, UNCALIBRATED = 0.001, 0.1
-"""Standard deviation of a radio's scale error: of a radio that measures true meters, and of one that does not."""
+CALIBRATED, UNCALIBRATED = 0.0003, 0.1
+"""Standard deviation of a radio's scale error: of a radio that measures true meters, and of one that does not. A quartz
+errs by 20 ppm, and air slows radio waves by 300 ppm, which many radios do not take into account."""
 EXPLAINED = 1.3
 """Residuals over what the ranges say of themselves, up to which rest explains them."""
 UP_KNOWN = 2.0
@@ -174,7 +175,7 @@ def _moving_starts(track: Track, ranges: Ranges, still: Place | NotYet, near: Pl
 
 def _good(place: Place) -> bool:
     """Known well enough to tell, and no stranger than the ranges' bias may be."""
-    usual = abs(place.bias) < 5 * place.radio_prior[0]
+    usual = abs(place.bias) < 5 * place.bias_prior
     return bool(usual and place.sigma < max(ROUGH * place.range_scale, 3.0))
 
 
@@ -305,7 +306,7 @@ class _Problem:
             covariance=covariance[:2, :2], up_sigma=float(sd[U]),
             up_known=bool(sd[U] <= UP_KNOWN and again.one_sided(last, float(sd[U]))),
             bias=float(radio[0]), scale=float(radio[1]), radio_covariance=radio_covariance,
-            radio_prior=(self.known.bias_sigma, self.known.scale_sigma),
+            bias_prior=self.known.bias_sigma,
             delay=float(x[DELAY]), delay_sigma=float(sd[DELAY]),
             noise=noise, used=int(keep.sum()), outliers=int((~keep).sum()),
             velocity=velocity, velocity_sigma=float(max(sd[VE], sd[VN])) if self.moves else None,

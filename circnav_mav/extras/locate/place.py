@@ -60,7 +60,7 @@ class Place:
     the height is observed (or was given); else it is no more than the prior. velocity: m/s east and north, zero of a
     target that does not move as far as anybody can tell; velocity_sigma: None then. bias, scale: error of the radio: a
     range is measured bias (m) + scale times its length too long. radio_covariance: (2, 2) of bias and scale.
-    radio_prior: their standard deviations before the ranges. delay: s by which positions are older than ranges of the
+    bias_prior: standard deviation of the bias before the ranges, m. delay: s by which positions are older than ranges of the
     same stamp. noise: standard deviation of the ranges about the model, m. used, outliers: ranges. range_scale: their
     median, m.
     """
@@ -76,7 +76,7 @@ class Place:
     bias: float = 0.0
     scale: float = 0.0
     radio_covariance: Array = field(default_factory=lambda: np.zeros((2, 2)))
-    radio_prior: tuple[float, float] = (2.0, 0.001)
+    bias_prior: float = 2.0
     delay: float = 0.0
     delay_sigma: float = 0.0
     noise: float = 0.0

@@ -30,7 +30,7 @@ def test_height_and_bias_are_known_after_the_second_circle_and_not_after_the_fir
     assert not one.up_known
     flown.fly(120.0)
     known = flown.solve()
-    assert known.up_known and abs(known.up - 584.0) < 3 * known.up_sigma < 1.2
+    assert known.up_known and abs(known.up - 584.0) < 0.5
     assert known.bias == pytest.approx(1.5, abs=0.3) and known.bias_sigma < 0.3
     flown.locator.found(known)
     flown.fly(125.0)

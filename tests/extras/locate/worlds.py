@@ -6,7 +6,7 @@ from circnav_mav.extras.locate.estimator import Knowledge, Ranges, Track
 from circnav_mav.extras.locate.place import Plane
 
 PLANE = Plane(47.3, 8.5)
-KNOWN = Knowledge(up=400.0, up_sigma=20.0)
+KNOWN = Knowledge(up=400.0)
 V = 15.0
 
 
