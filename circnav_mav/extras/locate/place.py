@@ -60,9 +60,9 @@ class Place:
     the height is observed (or was given); else it is no more than the prior. velocity: m/s east and north, zero of a
     target that does not move as far as anybody can tell; velocity_sigma: None then. bias, scale: error of the radio: a
     range is measured bias (m) + scale times its length too long. radio_covariance: (2, 2) of bias and scale.
-    bias_prior: standard deviation of the bias before the ranges, m. delay: s by which positions are older than ranges of
-    the same stamp. noise: standard deviation of the ranges about the model, m. used, outliers: ranges. range_scale:
-    their median, m.
+    bias_prior: standard deviation of the bias before the ranges, m. delay: s by which positions are older than ranges
+    of the same stamp. noise: standard deviation of the ranges about the model, m. used, outliers: ranges.
+    range_scale: their median, m.
     """
 
     time: float
