@@ -18,7 +18,8 @@ EXTRAS = "circnav_mav.extras"
 class Extension:
     """The parts that one extra adds to the core. A value is a reference, `module:name`, imported when used.
 
-    commands: click commands, by the names that are typed.
+    commands: click commands, by the names that are typed. "group member" adds a command to a group of another
+        extension, if that is installed.
     tables: pydantic models of mission tables, by the names of the tables.
     checks: functions from a mission to the check lines of the extra's tables.
     fly_options: click options that `circnav fly` gets.

@@ -110,8 +110,10 @@ class Wind(Table):
 class Ranging(Table):
     """[ranging]: the radio: how it measures and by which message and way it is heard.
 
-    rate_name: it also measures the range rate and sends it as a NAMED_VALUE_FLOAT of that name. rate_noise_mps: white.
-    rate_bias_mps: rms of the carrier's offset, which changes within a minute.
+    scale, bias_m: a range is reported as scale times its length plus bias_m. table_m: or by straight lines through
+    points, each [true, reported], rising. rate_name: it also measures the range rate and sends it as a
+    NAMED_VALUE_FLOAT of that name. rate_noise_mps: white. rate_bias_mps: rms of the carrier's offset, which changes
+    within a minute.
     """
 
     message: Literal["distance_sensor", "ranging_beacon", "named_value_float"] = "distance_sensor"
@@ -120,6 +122,8 @@ class Ranging(Table):
     rate_hz: float = Field(default=10.0, ge=0.0, le=1000.0)
     noise_m: float = Field(default=0.5, ge=0.0)
     bias_m: float = 0.0
+    scale: float = Field(default=1.0, gt=0.0, le=10.0)
+    table_m: list[list[float]] = Field(default_factory=list)
     outlier_fraction: float = Field(default=0.0, ge=0.0, le=1.0)
     outlier_m: float = Field(default=30.0, ge=0.0)
     dropout_fraction: float = Field(default=0.0, ge=0.0, le=1.0)

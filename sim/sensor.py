@@ -53,6 +53,17 @@ class RangeSensor:
         self._kept = math.exp(-step / self._kind.drift_time)
         self._gap_chance = self._kind.gap_rate * step
 
+    def _reported(self, true_range: float) -> float:
+        """Return the reading without noise, m."""
+        table = self._config.table_m
+        if len(table) < 2:
+            return self._config.scale * true_range + self._config.bias_m
+        at = 0
+        while at < len(table) - 2 and true_range >= table[at + 1][0]:
+            at += 1
+        (x0, y0), (x1, y1) = table[at : at + 2]
+        return y0 + (true_range - x0) * (y1 - y0) / (x1 - x0)
+
     def measure(self, true_range: float, now: int) -> Sample | None:
         c, kind, rng = self._config, self._kind, self._rng
         lost, wild, spread, gap = rng.random(), rng.random(), rng.uniform(-1.0, 1.0), rng.random()
@@ -65,7 +76,7 @@ class RangeSensor:
         if now < self._deaf_until:
             return None
         white = c.noise_m if kind.white is None else kind.white
-        distance = true_range + c.bias_m + self._drift + white * noise
+        distance = self._reported(true_range) + self._drift + white * noise
         distance += kind.near_bias * max(0.0, 1 - true_range / kind.near)
         if wild < c.outlier_fraction:
             distance += c.outlier_m * spread

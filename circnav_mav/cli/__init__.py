@@ -42,12 +42,17 @@ class Commands(click.Group):
     """Lists its commands in the order in which a newcomer needs them: those of this file, then those of extensions."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return [*self.commands, *(name for extension in extensions() for name in extension.commands)]
+        added = (name for extension in extensions() for name in extension.commands if " " not in name)
+        return [*self.commands, *added]
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        added = (extension.commands[name] for extension in extensions() if name in extension.commands)
-        reference = next(added, None)
-        return super().get_command(ctx, name) if reference is None else load(reference)
+        added = {typed: reference for extension in extensions() for typed, reference in extension.commands.items()}
+        command = load(added[name]) if name in added else super().get_command(ctx, name)
+        for typed, reference in added.items():
+            group, _, member = typed.partition(" ")
+            if member and group == name and isinstance(command, click.Group):
+                command.add_command(load(reference), member)
+        return command
 
 
 @click.group(cls=Commands, context_settings=CONTEXT)

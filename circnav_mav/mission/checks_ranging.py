@@ -22,7 +22,7 @@ ROOM = 0.1
 
 def check_ranging(mission: Mission) -> list[Check]:
     """Its lines."""
-    parts = (_reach, _bounds, _radio, _sampling, _noise, _slant)
+    parts = (_reach, _bounds, _radio, _calibration, _sampling, _noise, _slant)
     return [line for part in parts for line in part(mission)]
 
 
@@ -70,6 +70,22 @@ def _radio(mission: Mission) -> Iterator[Check]:
     if not message.forwarded and table.endpoint is None:
         remedy = "unless the radio itself speaks on link.endpoint, give it its own (ranging.endpoint)"
         yield Check(WARN, "ranging", f"ArduPilot and PX4 do not forward {message.type}: {remedy}")
+
+
+def _calibration(mission: Mission) -> Iterator[Check]:
+    """The calibration, by what the radio reports on the circle and by what stands for it."""
+    calibration = mission.file.ranging.calibration
+    if not calibration.is_set:
+        return
+    slant = _slant_range(mission, mission.orbit.radius)
+    words = f"{calibration.describe()}: {slant:.1f} m on the circle are reported as {calibration.reported(slant):.1f} m"
+    yield Check(PASS, "calibration", words)
+    points = calibration.points
+    if points and not points[0][0] <= slant <= points[-1][0]:
+        span = f"{points[0][0]:g} to {points[-1][0]:g} m"
+        yield Check(
+            WARN, "calibration", f"ranging.points_m covers {span}, the circle is at {slant:.1f} m: measure there"
+        )
 
 
 def _sampling(mission: Mission) -> Iterator[Check]:

@@ -248,9 +248,10 @@ class Mission:
         return frozenset(LINKS if accepted else ())
 
     def _ranging(self) -> RangingSettings:
-        given = self.file.ranging.model_dump(exclude={"endpoint"}) | {"max_range_m": self.max_range}
+        calibration = {"scale", "bias_m", "delay_s", "points_m"}
+        given = self.file.ranging.model_dump(exclude={"endpoint", *calibration}) | {"max_range_m": self.max_range}
         most = max(MOST_NOISE * min(self.radii), 3 * self.file.ranging.sigma_m)
-        return RangingSettings(**given, max_age=self.stale, max_sigma=most)
+        return RangingSettings(**given, max_age=self.stale, max_sigma=most, calibration=self.file.ranging.calibration)
 
     def _facts(self) -> VehicleFacts:
         vehicle = self.file.vehicle

@@ -44,6 +44,7 @@ def judge_ranging(mission: Mission, survey: Survey) -> Iterator[Check]:
         yield _age(mission, survey)
         yield from _stamps(mission, survey)
         yield _distance(ranges, height or 0.0)
+        yield from _calibrated(mission, ranges)
 
 
 def _heard(mission: Mission, survey: Survey) -> Check:
@@ -162,6 +163,15 @@ def _height(mission: Mission, survey: Survey, height: float | None) -> Iterator[
         yield Check(FAIL, "height cost", unknown)
     elif mission.height.needs_altitude and height is not None:
         yield height_cost(mission, height)
+
+
+def _calibrated(mission: Mission, ranges: Sequence[RangeHeard]) -> Iterator[Check]:
+    """What the mission's calibration makes of the newest range. Compare it with a tape."""
+    calibration = mission.file.ranging.calibration
+    if calibration.is_set:
+        r = ranges[-1].r
+        words = f"{calibration.describe()}: {calibration.reported(r):.2f} m reported, {r:.2f} m true"
+        yield Check(PASS, "calibration", words)
 
 
 def _distance(ranges: Sequence[RangeHeard], height: float) -> Check:

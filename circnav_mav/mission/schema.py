@@ -5,14 +5,15 @@ Bounds keep out what cannot be meant (a tick of 1 kHz, a bank of 80 deg); what i
 
 from collections.abc import Iterable
 from ipaddress import ip_network
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, model_validator
 from pydantic_core import PydanticCustomError
 
 from circnav_mav.guidance.estimators.table import ESTIMATORS
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.mav.autopilots.table import MISSION_AUTOPILOTS, MISSION_EXITS, MISSION_KINDS, MISSION_METHODS
+from circnav_mav.mav.ranging.calibration import Calibration, rising
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 
 FAR = 1e9
@@ -64,6 +65,18 @@ def _radii(given: Any) -> float | list[float]:
 
 
 Radii = Annotated[Positive | list[Positive], BeforeValidator(_radii)]
+
+
+Length = Annotated[float, Field(ge=0, le=1e6)]
+Point = Annotated[list[Length], Field(min_length=2, max_length=2)]
+
+
+def _rising(points: list[list[float]]) -> list[list[float]]:
+    """Points of a calibration, each [true, reported] in m."""
+    if not rising(points):
+        advice = "must be two points or more, [true, reported], both rising, such as [[0, 4.4], [50, 57.6]]"
+        raise PydanticCustomError("points", advice)
+    return points
 
 
 REMOVED = {
@@ -162,6 +175,22 @@ class RangingTable(Table):
     max_range_m: Positive | None = None
     stamp: Literal["sensor", "arrival"] = "sensor"
     resent: bool = False
+    scale: Annotated[float, Field(ge=0.5, le=2.0)] = 1.0
+    bias_m: Annotated[float, Field(ge=-1000, le=1000)] = 0.0
+    delay_s: Annotated[float, Field(ge=-1, le=1)] = 0.0
+    points_m: Annotated[list[Point], AfterValidator(_rising)] | None = None
+
+    @model_validator(mode="after")
+    def _one_calibration(self) -> Self:
+        if self.points_m is not None and (self.scale, self.bias_m) != (1.0, 0.0):
+            raise PydanticCustomError("calibration", "points_m goes without scale and bias_m: it has both in it")
+        return self
+
+    @property
+    def calibration(self) -> Calibration:
+        """Error of the radio, as the mission has it."""
+        points = tuple((true, reported) for true, reported in self.points_m or ())
+        return Calibration(self.scale, self.bias_m, self.delay_s, points)
 
 
 class LinkTable(Table):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from circnav_mav.cli.closing import Drawing
+from circnav_mav.cli.drawing import Drawing
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.report.chart_data import alarms
 from circnav_mav.runlog.events import events

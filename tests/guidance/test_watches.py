@@ -40,8 +40,3 @@ def test_a_gust_raises_nothing_a_lull_does_not_end_it_and_what_is_not_trusted_ch
     assert not after([0.89 * ALLOWED], alarm=raised, start=5.0).on
     assert after([0.0] * 40, alarm=raised, trusted=False) == raised
     assert after([ALLOWED + 2] * 40, trusted=False) == watch_drift(QUIET, None, ORBIT, LIMIT) == QUIET
-
-
-def test_its_words_fit_a_statustext_with_our_name():
-    assert after([ALLOWED + 2] * 40).text == "drift 9.9 m/s, this circle allows 7.9"
-    assert len("circnav: " + DriftAlarm(drift=99.9, allowed=99.9).text) <= 50

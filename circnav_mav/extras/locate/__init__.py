@@ -6,7 +6,10 @@ Nothing in here steers: the core cannot import it.
 from circnav_mav.extension import Extension
 
 EXTENSION = Extension(
-    commands={"locate": "circnav_mav.extras.locate.commands:locate"},
+    commands={
+        "locate": "circnav_mav.extras.locate.commands:locate",
+        "ranging calibrate": "circnav_mav.extras.locate.commands:calibrate",
+    },
     tables={
         "locate": "circnav_mav.extras.locate.settings:LocateTable",
         "handback": "circnav_mav.extras.locate.settings:HandBackTable",
@@ -14,6 +17,16 @@ EXTENSION = Extension(
     checks=["circnav_mav.extras.locate.settings:check_tables"],
     onlooker="circnav_mav.extras.locate.onlooker:open_onlooker",
     report_section="circnav_mav.extras.locate.report:report_section",
-    files=["handback.csv", "target.geojson", "target.kml", "target.png", "locate.geojson", "locate.kml", "locate.png"],
+    files=[
+        "handback.csv",
+        "target.geojson",
+        "target.kml",
+        "target.png",
+        "locate.geojson",
+        "locate.kml",
+        "locate.png",
+        "calibration.toml",
+        "calibration.png",
+    ],
     order=10,
 )

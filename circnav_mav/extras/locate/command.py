@@ -7,22 +7,22 @@ from datetime import timedelta, timezone
 from pathlib import Path
 from zoneinfo import ZoneInfo
 
-import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
-from circnav_mav.extras.locate.estimator import Knowledge, NotYet, locate
+from circnav_mav.extras.locate.estimator import Knowledge, NotYet, locate_as_it_shows
 from circnav_mav.extras.locate.export import geojson, kml
 from circnav_mav.extras.locate.logs.interface import UNITS, ReadOptions, meters_in
 from circnav_mav.extras.locate.logs.table import read_logs, with_positions
 from circnav_mav.extras.locate.map_picture import plot_map
 from circnav_mav.extras.locate.parameters import PARAMETERS
-from circnav_mav.extras.locate.place import NOT_OBSERVABLE, Place
-from circnav_mav.extras.locate.range_log import EmptyLogError, RangeLog, tracks
+from circnav_mav.extras.locate.place import NO_SCALE, NOT_OBSERVABLE, Place
+from circnav_mav.extras.locate.range_log import EmptyLogError, RangeLog, corrected, tracks
 from circnav_mav.extras.locate.units import better_unit, is_plausible
 from circnav_mav.foreign import printable
+from circnav_mav.mav.ranging.calibration import Calibration
 from circnav_mav.mission.load import MissionError, load_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.runlog.atomic_write import write_text
@@ -44,17 +44,20 @@ def locate_log(
     """Locate every tag of a log, and write the map: the command line of `locate`. Raises Refused."""
     source = Path(path)
     with refusing(source):
-        flown = _mission(source)
+        flown = mission_of(source)
         name = range_name or (flown.file.ranging.name if flown is not None else ReadOptions().range_name)
         unit = None if units is None else meters_in(units)
         if units is not None and unit is None:
             raise Refused(f"--units {units}: is no unit: {', '.join(UNITS)}, or the number of meters in one")
         options = ReadOptions(name, unit, range_columns, _zone(timezone), vehicle)
         with _busy(f"reading {printable(source.name)}"):
-            logs = _read(source, options, positions)
+            logs = read(source, options, positions)
         if flown is not None:
             sigma = flown.file.ranging.sigma_m if sigma is None else sigma
             altitude = flown.height.target_altitude if altitude is None else altitude
+        calibration = Calibration() if flown is None else flown.file.ranging.calibration
+        if calibration.is_set:
+            say(f"note: the log has what the radio reported; corrected by the mission: {calibration.describe()}")
         jobs = [(log, tag) for log in logs if len(log.positions) > 1 for tag in log.ranges]
         unknown = [tag for tag in tags if tag not in (known for _, known in jobs)]
         if unknown:
@@ -71,7 +74,7 @@ def locate_log(
                 up=ground if altitude is None else altitude, up_sigma=50.0 if altitude is None else 1.0,
                 gps_sigma=gps_sigma, bias_sigma=bias, delay_sigma=CLOCKS,
             )  # fmt: skip
-            place = _one(log, tag, sigma, known, search_unit=unit is None)
+            place = _one(log, tag, sigma, known, calibration, search_unit=unit is None)
             if place is not None:
                 places[tag] = place
         if not places:
@@ -82,7 +85,7 @@ def locate_log(
     return Exit.DONE
 
 
-def _read(source: Path, options: ReadOptions, positions: str | None) -> list[RangeLog]:
+def read(source: Path, options: ReadOptions, positions: str | None) -> list[RangeLog]:
     """Return the vehicles of the log, with the positions of another file if one is given. Raises Refused."""
     try:
         if positions is None:
@@ -110,8 +113,8 @@ def _zone(given: str | None) -> timezone | ZoneInfo | None:
         raise Refused(f"--timezone {given}: is no time zone, such as +02:00 or Europe/Vienna") from None
 
 
-def _mission(source: Path) -> Mission | None:
-    """The mission of a run folder, whose ranges and target are as it says. Raises Refused."""
+def mission_of(source: Path) -> Mission | None:
+    """Return the mission of a run folder, with facts about its ranges and target. Raises Refused."""
     file = source / "mission.toml"
     if not file.exists():
         return None
@@ -131,18 +134,17 @@ def _busy(what: str) -> Progress:
     return line
 
 
-def _one(log: RangeLog, tag: str, sigma: float | None, known: Knowledge, *, search_unit: bool) -> Place | None:
+def _one(
+    log: RangeLog, tag: str, sigma: float | None, known: Knowledge, calibration: Calibration, *, search_unit: bool
+) -> Place | None:
     """Locate a tag, and print what is known of it."""
     plane = log.plane()
     ranges, said = log.of(tag, sigma)
+    ranges = corrected(ranges, calibration)
     track, known = log.track(plane), replace(known, sigma_known=said)
     say(f"{tag}: {len(ranges.r)} ranges{f' of {log.vehicle}' if log.vehicle else ''}")
     with _busy(f"locating {tag}"):
-        if not said:  # how good the ranges are shows in the fit: once roughly, and then by what was found
-            rough = locate(plane, track, replace(ranges, sigma=ranges.sigma * 10), known)
-            if isinstance(rough, Place):
-                ranges = replace(ranges, sigma=np.full(len(ranges.r), max(rough.noise, 0.01)))
-        place = locate(plane, track, ranges, known)
+        place = locate_as_it_shows(plane, track, ranges, known)
         found = place if isinstance(place, Place) else None
         better = better_unit(plane, track, ranges, known, found) if search_unit else None
     if isinstance(place, NotYet):
@@ -163,7 +165,12 @@ def _say(place: Place, known: Knowledge) -> None:
     )
     if not place.up_known:
         say(f"  height     {NOT_OBSERVABLE}")
-    say(f"  ranges     noise {place.noise:.2f} m, bias {place.bias:+.2f} +-{place.bias_sigma:.2f} m")
+    error, sigma = place.range_error(place.range_scale)
+    at = f"{error:+.2f} +-{sigma:.2f} m too long at {place.range_scale:.0f} m"
+    bias = f"bias {place.bias:+.2f} +-{place.bias_sigma:.2f} m"
+    scale = f"scale {1 + place.scale:.4f} +-{place.scale_sigma:.4f}" if place.scale_found else NO_SCALE
+    say(f"  ranges     noise {place.noise:.2f} m; {at}")
+    say(f"  radio      {bias}, {scale}")
     late = f"positions are stamped {place.delay:+.2f} +-{place.delay_sigma:.2f} s later than ranges"
     known_clocks = place.delay_sigma < known.delay_sigma
     say(f"  clocks     {late if known_clocks else 'offset not observable: the distance hardly changes'}")

@@ -39,3 +39,33 @@ def locate() -> None:
         circnav locate flight.tlog --range-name UWB_DIST
         circnav locate ranges.csv --units ft --positions rover.pos
     """
+
+
+@command(
+    "circnav_mav.extras.locate.calibrate:calibrate_radio",
+    short_help="Measure the error of a radio by a flight with GPS.",
+)
+@click.argument("path", type=click.Path(), metavar="RUN|LOG")
+@click.option("--tag", metavar="ID", help="The radio, if the log has several.")
+@click.option("--vehicle", type=click.IntRange(1, 255), metavar="ID", help="Only this vehicle of a tlog (system id).")
+@click.option("--positions", type=click.Path(), metavar="FILE", help="Positions from here: GPX, .pos, NMEA, a log.")
+@click.option("--range-name", metavar="NAME", help="NAMED_VALUE, debug key or MESSAGE.FIELD that is the range.")
+@click.option(
+    "--sigma", type=ERROR, metavar="M", help="Noise of the ranges, if the log has none. [default: as it shows]"
+)
+@click.option("--gps-sigma", type=ERROR, default=1.5, metavar="M", help="Error of the positions.")
+@click.option("--altitude", type=Finite(-1e6, 1e6), metavar="M", help="Altitude of the beacon, as the log counts it.")
+@click.option("--mission", type=click.Path(), metavar="FILE", help="Write the keys into this mission, too.")
+@click.option("--out", type=Folder(), metavar="DIR", help="Where to write. [default: beside the log]")
+def calibrate() -> None:
+    """Measure the error of a radio over its range by a flight with GPS, and write it for the mission.
+
+    Prints and plots the error, and writes ranging.scale, ranging.bias_m and ranging.delay_s; of a radio that is not
+    linear ranging.points_m. The beacon need not be surveyed. Fly to the circle from afar, or on two radii: on one, only
+    the error of that radius is known. Exit codes: 0 calibrated, 2 bad usage, 3 nothing to calibrate.
+
+    \b
+    Examples:
+        circnav ranging calibrate runs/20260101-120000-quickstart --mission mine.toml
+        circnav ranging calibrate flight.tlog --altitude 584 --gps-sigma 0.05
+    """

@@ -7,3 +7,9 @@ GPS_WATCH = Condition(
 )
 HAND_BACK = Condition("hand_back", long="HAND-BACK: {found}")
 SURVEY_STOPPED = Condition("survey_stopped", long="SURVEY: {found}")
+RADIUS = Condition(
+    "radius",
+    short="{found}",
+    long="RANGING: {found}. Calibrate the radio: circnav ranging calibrate RUN",
+    over="radius right, as far as known",
+)

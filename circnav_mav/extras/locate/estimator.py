@@ -1,8 +1,8 @@
 """The place of a target by batch least squares over positions and ranges: one estimator in flight and for logs.
 
-Unknown are the place, its velocity where it moves, its height, the bias of the ranges, how much later positions are
-stamped than ranges, and the error of the positions: a first-order Gauss-Markov process, linear between nodes. That
-error is what makes the covariance honest: a GPS is not white, and a lap averages little of it.
+Unknown are the place, its velocity if it moves, its height, the error of the radio (bias and scale), how much later
+positions are stamped than ranges, and the error of the positions: a first-order Gauss-Markov process, linear between
+nodes. That error is what makes the covariance honest: a GPS is not white, and a lap averages little of it.
 """
 
 from collections.abc import Iterator
@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from circnav_mav.extras.locate.place import Array, Place, Plane
+from circnav_mav.extras.locate.place import SIGNIFICANT, Array, Place, Plane
 
 LEAST = 20
 """Ranges below which nothing is estimated."""
-MOST = 600
-"""Ranges that are used: of more, evenly spread ones. The error of the positions is far larger than what is lost."""
+MOST = 1000
+"""Most ranges that are used: of more, evenly spread ones."""
 GAP = 3.0
 """Longest time, s, between two positions that a range may lie in."""
 GUESSED = 150
@@ -39,6 +39,9 @@ SLOWEST = 0.15
 """Speed, m/s, below which a target stands: the error of a GPS wanders as quickly."""
 MOVING_WINDOW = 120.0
 """Newest time, s, by which a moving target is judged: it does not keep its velocity for longer."""
+CALIBRATED, UNCALIBRATED = 0.0003, 0.1
+"""Standard deviation of a radio's scale error: of a radio that measures true meters, and of one that does not. A quartz
+errs by 20 ppm, and air slows radio waves by 300 ppm, which many radios do not take into account."""
 EXPLAINED = 1.3
 """Residuals over what the ranges say of themselves, up to which rest explains them."""
 UP_KNOWN = 2.0
@@ -48,7 +51,7 @@ HARDLY = 5.0
 the wiggles of a GPS, which the ranges do not have, would."""
 ROUGH = 0.25
 """Standard deviation of a place, in units of the range, above which it is none."""
-E, N, U, BIAS, DELAY, VE, VN = range(7)
+E, N, U, BIAS, SCALE, DELAY, VE, VN = range(8)
 Fit = Any
 """A result of scipy's `least_squares`."""
 
@@ -78,13 +81,14 @@ class Ranges:
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """What is known beforehand; standard deviations in m and s. gps_sigma: of a position, each axis. up: of the
-    target. sigma_known: whether the ranges' own standard deviations are meant."""
+    """Prior knowledge; standard deviations in m and s. gps_sigma: of a position, each axis. up: of the target.
+    scale_sigma: of the radio's scale error. sigma_known: True if the ranges' own standard deviations are meant."""
 
     up: float
     up_sigma: float = 50.0
     gps_sigma: float = 1.5
     bias_sigma: float = 2.0
+    scale_sigma: float = CALIBRATED
     delay_sigma: float = 0.15
     sigma_known: bool = True
 
@@ -97,7 +101,22 @@ class NotYet:
 
 
 def locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None = None) -> Place | NotYet:
-    """The place at the end of the ranges. near: one found before, from which to start."""
+    """Return the place at the end of the ranges. near: one found before, from which to start."""
+    place = _locate(plane, track, ranges, known, near)
+    if known.scale_sigma >= UNCALIBRATED:
+        return place
+    if isinstance(place, Place) and known.sigma_known:
+        quiet = place.noise < EXPLAINED * float(np.median(ranges.sigma))
+        if quiet and abs(place.bias) < SIGNIFICANT * place.bias_sigma:
+            return place
+    # Most radios measure true meters, and a scale that the ranges do not show costs certainty of the place. So it is
+    # free only if the ranges contradict a scale of 1. The noise shows nothing: an error of scale looks like noise.
+    free = _locate(plane, track, ranges, replace(known, scale_sigma=UNCALIBRATED), near)
+    return free if isinstance(free, Place) and free.scale_found else place
+
+
+def _locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None) -> Place | NotYet:
+    """Return the place with this prior knowledge."""
     kept = np.diff(np.maximum.accumulate(track.time), prepend=-np.inf) > 1e-3  # no position twice, none that is late
     track, heard = Track(track.time[kept], track.east[kept], track.north[kept], track.up[kept]), ranges
     ranges = _covered(track, heard)
@@ -122,6 +141,15 @@ def locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: P
     if place is None or not _good(place):
         return still
     return place if place.speed > max(np.sqrt(MOVING) * (place.velocity_sigma or 0.0), SLOWEST) else still
+
+
+def locate_as_it_shows(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> Place | NotYet:
+    """Return the place. Ranges without a known noise get that of a first fit, with ten times their sigmas."""
+    if not known.sigma_known:
+        rough = locate(plane, track, replace(ranges, sigma=ranges.sigma * 10), known)
+        if isinstance(rough, Place):
+            ranges = replace(ranges, sigma=np.full(len(ranges.r), max(rough.noise, 0.01)))
+    return locate(plane, track, ranges, known)
 
 
 def _apart(track: Track, ranges: Ranges) -> str:
@@ -203,9 +231,10 @@ class _Problem:
         self.track, self.ranges, self.known, self.moves = track, ranges, known, moves
         self.end = float(ranges.time[-1])
         self._own = VN + 1 if moves else DELAY + 1
-        sigmas = known.up_sigma, known.bias_sigma, known.delay_sigma, SPEED_SIGMA, SPEED_SIGMA
+        sigmas = known.up_sigma, known.bias_sigma, known.scale_sigma, known.delay_sigma, SPEED_SIGMA, SPEED_SIGMA
         self._expected_sigma = np.array(sigmas[: self._own - U])
-        self._expected = np.array([known.up, 0.0, 0.0, 0.0, 0.0][: self._own - U])  # of all that is not the place
+        self._expected = np.zeros(self._own - U)  # of all that is not the place
+        self._expected[0] = known.up
         span = self.end - float(ranges.time[0])
         count = int(min(nodes, 1 + np.ceil(NODES * span / GPS_TIME)))
         places = np.linspace(ranges.time[0], self.end, count)
@@ -216,17 +245,19 @@ class _Problem:
         self._rates = [np.gradient(way, track.time) for way in (track.east, track.north, track.up)]
 
     def fit(self, start: Array) -> Fit | None:
-        """The robust fit from a start (east, north, maybe velocity)."""
+        """Return the robust fit from a start: east, north, maybe velocity; or all but the nodes, by an earlier fit."""
         x = np.zeros(self._own + 2 * self._between.shape[1])
         # begun level with the vehicle, a height would stay there: the range does not change with it
         below = float(np.median(self.track.up)) - 0.2 * float(np.median(self.ranges.r))
         x[:2], x[U] = start[:2], min(self.known.up, below) if self.known.up_sigma > 10 else self.known.up
-        if self.moves:
+        if len(start) == self._own:
+            x[: self._own] = start
+        elif self.moves:
             x[VE : VN + 1] = start[2:4]
         scale = np.ones_like(x)
-        scale[[E, N, U]], scale[DELAY] = 10.0, 0.1
+        scale[[E, N, U]], scale[DELAY], scale[SCALE] = 10.0, 0.1, 0.01
         found = least_squares(
-            self._residuals, x, self._jacobian, loss=self._loss, f_scale=HUBER, x_scale=scale, max_nfev=30, ftol=1e-5,
+            self._residuals, x, self._jacobian, loss=self._loss, f_scale=HUBER, x_scale=scale, max_nfev=60, ftol=1e-5,
             xtol=1e-5,
         )  # fmt: skip
         return found if np.isfinite(found.cost) else None
@@ -253,28 +284,79 @@ class _Problem:
         spread, kept = float(np.sqrt(np.mean(off[keep] ** 2))), self.ranges.take(keep)
         worse = max(spread, least) * np.sqrt(_correlation(off[keep]))
         again = _Problem(self.track, replace(kept, sigma=kept.sigma * worse), self.known, moves=self.moves)
-        last = again.fit(fit.x[[E, N, VE, VN]] if self.moves else fit.x[:2])
+        last = again.fit(fit.x[: self._own])
         if last is None:
             return None
         try:
-            covariance: Array = np.linalg.inv(last.jac.T @ last.jac).astype(float)
+            covariance = again.covariance(last)
         except np.linalg.LinAlgError:
             return None
         x = last.x
         sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         velocity = (float(x[VE]), float(x[VN])) if self.moves else (0.0, 0.0)
         noise = spread * float(np.median(self.ranges.sigma))
+        both = [BIAS, SCALE]
+        radio, radio_covariance = x[both], covariance[np.ix_(both, both)]
         nearest, farthest = np.percentile(kept.r, [5, 95])
         if farthest - nearest < HARDLY * (noise + self.known.gps_sigma):
             sd[DELAY] = self.known.delay_sigma  # on a circle round the target a clock fits as well as any other
+            radio, radio_covariance = self._of_one_length(radio, radio_covariance)
         return Place(
             time=self.end, plane=plane, east=float(x[E]), north=float(x[N]), up=float(x[U]),
-            covariance=covariance[:2, :2], up_sigma=float(sd[U]), up_known=bool(sd[U] <= UP_KNOWN),
-            bias=float(x[BIAS]), bias_sigma=float(sd[BIAS]), delay=float(x[DELAY]), delay_sigma=float(sd[DELAY]),
+            covariance=covariance[:2, :2], up_sigma=float(sd[U]),
+            up_known=bool(sd[U] <= UP_KNOWN and again.one_sided(last, float(sd[U]))),
+            bias=float(radio[0]), scale=float(radio[1]), radio_covariance=radio_covariance,
+            bias_prior=self.known.bias_sigma,
+            delay=float(x[DELAY]), delay_sigma=float(sd[DELAY]),
             noise=noise, used=int(keep.sum()), outliers=int((~keep).sum()),
             velocity=velocity, velocity_sigma=float(max(sd[VE], sd[VN])) if self.moves else None,
-            range_scale=float(np.median(self.ranges.r)), bias_prior=self.known.bias_sigma,
+            range_scale=float(np.median(self.ranges.r)),
         )  # fmt: skip
+
+    def _of_one_length(self, radio: Array, covariance: Array) -> tuple[Array, Array]:
+        """Return bias and scale, with their covariance, from their sum at the median range and the prior alone."""
+        # On a circle round the target the lengths change by the wander of the GPS, which the ranges do not have. The
+        # fit takes it for a slope: a scale of 1.07 with a free bias once came out as 0.80 +-0.06.
+        slope = np.array([1.0, float(np.median(self.ranges.r))])
+        prior = np.diag([self.known.bias_sigma**2, self.known.scale_sigma**2])
+        gain = prior @ slope / (slope @ prior @ slope + slope @ covariance @ slope)
+        return gain * (slope @ radio), prior - np.outer(gain, slope @ prior)
+
+    def covariance(self, fit: Fit) -> Array:
+        """Return the covariance of the states. Raises LinAlgError."""
+        covariance: Array = np.linalg.inv(fit.jac.T @ fit.jac).astype(float)
+        # Level with the vehicle, a range does not change with the height at first, and the derivatives promise a bias
+        # and a scale that a height would explain. It changes with the square of the height above the track. The
+        # standard deviation of that square gives the height from which on the slope is taken instead.
+        count, (far, _, _) = len(self.ranges.r), self._line_of_sight(fit.x)
+        off = float(np.median(np.abs(np.interp(self.ranges.time, self.track.time, self.track.up) - fit.x[U])))
+        if off > self.known.up_sigma:
+            return covariance
+        table = fit.jac.copy()
+        slope = table[:count, BIAS] * (1 + fit.x[SCALE]) / np.maximum(far, 1e-3)  # outliers weigh as in that column
+        table[:count, U] = self.known.up_sigma * slope
+        wide: Array = np.linalg.inv(table.T @ table).astype(float)
+        least = float(np.sqrt(self.known.up_sigma * np.sqrt(wide[U, U])))
+        if off > least:
+            return covariance
+        table[:count, U] = least * slope
+        return np.linalg.inv(table.T @ table).astype(float)
+
+    def one_sided(self, fit: Fit, sigma: float) -> bool:
+        """True if the ranges or the prior reject the height that is mirrored at the track. sigma: of the height, m."""
+        # A level track fits a target as far above it as below, and near the level of the track the covariance, which is
+        # that of a straight line, promises too much. A UWB radio on a cart once gave -1.5 +-0.7 m for +0.9 m so.
+        known, start = self.known, fit.x[: self._own].copy()
+        mirror = 2 * float(np.median(self.track.up)) - float(fit.x[U])
+        if abs(mirror - fit.x[U]) < sigma:
+            return True
+        start[U] = mirror
+        there = replace(known, up=mirror, up_sigma=sigma / 10)
+        other = _Problem(self.track, self.ranges, there, moves=self.moves).fit(start)
+        if other is None:
+            return True
+        off = (mirror - known.up) / known.up_sigma
+        return bool(2 * (other.cost - fit.cost) + off**2 > AMBIGUOUS)
 
     def _line_of_sight(self, x: Array) -> tuple[Array, list[Array], Array]:
         """Distance, its direction, and the time to take positions at."""
@@ -293,15 +375,17 @@ class _Problem:
         far, _, _ = self._line_of_sight(x)
         nodes = x[self._own :].reshape(2, -1)
         before = (x[U : self._own] - self._expected) / self._expected_sigma
-        off = (far + x[BIAS] - self.ranges.r) / self.ranges.sigma
+        off = ((1 + x[SCALE]) * far + x[BIAS] - self.ranges.r) / self.ranges.sigma
         return np.concatenate([off, before, self._whiten @ nodes[0], self._whiten @ nodes[1]])
 
     def _jacobian(self, x: Array) -> Array:
-        far, (east, north, up), time = self._line_of_sight(x)
+        far, directions, time = self._line_of_sight(x)
+        east, north, up = (part * (1 + x[SCALE]) for part in directions)
         count, own, nodes = len(far), self._own, self._between.shape[1]
         priors = self._own - U
         table = np.zeros((count + priors + 2 * nodes, own + 2 * nodes))
-        table[:count, E], table[:count, N], table[:count, U], table[:count, BIAS] = east, north, up, 1.0
+        table[:count, E], table[:count, N], table[:count, U] = east, north, up
+        table[:count, BIAS], table[:count, SCALE] = 1.0, far
         slopes = [np.interp(time, self.track.time, rate) for rate in self._rates]
         table[:count, DELAY] = -(east * slopes[0] + north * slopes[1] + up * slopes[2])
         if self.moves:

@@ -14,7 +14,7 @@ from math import hypot, isfinite
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.extras.locate.conditions import GPS_WATCH
+from circnav_mav.extras.locate.conditions import GPS_WATCH, RADIUS
 from circnav_mav.extras.locate.estimator import Knowledge, NotYet, Ranges, Track
 from circnav_mav.extras.locate.export import camera, named_values, orbit_status, own_beacon
 from circnav_mav.extras.locate.handback import (
@@ -69,6 +69,8 @@ HEIGHT_SIGMA = 5.0
 """Standard deviation, m, of a height that the mission gives: a barometer's drift and an operator's guess."""
 HOME_SIGMA = 50.0
 """Of the height of a target of which nothing is said, above home, m."""
+RADIUS_OFF, RADIUS_SIGMAS = 0.02, 3.0
+"""Share of the radius, and standard deviations, by which the true radius must differ for an alarm."""
 FRESH_RANGE = 2.0
 """Age, s, up to which ranges tell where the vehicle is."""
 
@@ -124,6 +126,8 @@ class Locator:
         """Whether nothing is given beyond the end of guidance."""
         self._now = 0.0
         self.cot_due = False
+        self.radius_alarm = ""
+        """Error of the radio on the circle, with the true radius; empty if the radius is right as far as known."""
 
     # --- in ---------------------------------------------------------------------------------------------------------
 
@@ -213,7 +217,7 @@ class Locator:
             sigma = hypot(there.sigma, self._gps_sigma, tracker.newest.sigma)
             height = tracker.height.at(now)
             flat = hypot(*way) if height is not None else hypot(*way, there.up - up)
-            range_off = tracker.newest.r - flat - place.bias, sigma
+            range_off = tracker.newest.r - flat - place.range_error(flat)[0], sigma
             relative = self._relative(time)
             if relative is not None and hypot(*way) > 10:
                 off = angle_between((-relative.x, -relative.y), way)
@@ -257,8 +261,25 @@ class Locator:
         """The answer to a job. What was found before stays where nothing is found now."""
         if isinstance(place, Place):
             self.place = place
+            self._compare_radius(place)
         else:
             self.why = place.why
+
+    def _compare_radius(self, place: Place) -> None:
+        """Compare the radius by the ranges with that by the positions. The radius flown stays that by the ranges."""
+        radius, height = self._pilot.controller.orbit.radius, self._pilot.tracker.height.at(place.time) or 0.0
+        slant = hypot(radius, height)
+        error, sigma = place.range_error(slant)
+        true = (slant - place.bias) / (1 + place.scale)
+        above = self._track[-1][3] - place.up if self._track else height
+        flown = max(true**2 - above**2, 0.0) ** 0.5
+        before, self.radius_alarm = self.radius_alarm, ""
+        if abs(radius - flown) > RADIUS_OFF * radius and abs(error) > RADIUS_SIGMAS * sigma:
+            share = slant / max(hypot(flown, height), 1.0) - 1
+            which = "long" if share > 0 else "short"
+            self.radius_alarm = f"ranges {100 * abs(share):.0f} % {which}: true radius {flown:.1f} m"
+            if not before:
+                self._announcer.say(RADIUS.name, RADIUS.short.format(words=self.radius_alarm), severity=RADIUS.severity)
 
     # --- out --------------------------------------------------------------------------------------------------------
 

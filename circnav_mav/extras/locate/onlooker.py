@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import Any
 
 from circnav_mav.cli.exits import Refused
-from circnav_mav.extras.locate.conditions import GPS_WATCH, HAND_BACK, SURVEY_STOPPED
+from circnav_mav.extras.locate.conditions import GPS_WATCH, HAND_BACK, RADIUS, SURVEY_STOPPED
 from circnav_mav.extras.locate.estimator import NotYet, locate
 from circnav_mav.extras.locate.export import cursor_on_target, geojson, kml
 from circnav_mav.extras.locate.locator import Locator
@@ -86,6 +86,8 @@ class Locating(Onlooker):
         found = SURVEY_STOPPED.alarm(locator.problem) if locator.problem else {}
         if locator.watch.alarm:
             found |= GPS_WATCH.alarm(locator.watch.alarm)
+        if locator.radius_alarm:
+            found |= RADIUS.alarm(locator.radius_alarm)
         if locator.handback and locator.handback.words:
             found |= HAND_BACK.alarm(locator.handback.words)
         return found
@@ -108,6 +110,7 @@ class Locating(Onlooker):
         found = {
             "place": None if place is None else place.plain(),
             "gps_watch": [{"time_s": round(time, 1), "text": text} for time, text in locator.watch.told],
+            "radius_alarm": locator.radius_alarm or None,
             "handback": None if handback is None else handback.plain(),
         }
         summary |= found

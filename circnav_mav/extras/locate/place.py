@@ -1,6 +1,6 @@
 """The place of the target as the estimator tells it, in metres on a plane and in degrees."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import atan2, cos, degrees, hypot, radians, sin
 from typing import Any
 
@@ -39,6 +39,8 @@ class Plane:
 Array = NDArray[np.float64]
 CHI95 = 2.4477
 """Semi-axes of the 95 % ellipse in standard deviations: the root of chi-squared with two degrees of freedom."""
+SIGNIFICANT = 3.0
+"""Standard deviations from zero at which the bias or scale of a radio counts as found."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,10 +58,11 @@ class Place:
 
     covariance: (2, 2) of east and north, m^2, the vehicle's own position error included. up_sigma: m. up_known: whether
     the height is observed (or was given); else it is no more than the prior. velocity: m/s east and north, zero of a
-    target that does not move as far as anybody can tell; velocity_sigma: None then. bias: m, range measured too long;
-    delay: s by which positions are older than ranges of the same stamp. noise: standard deviation of the ranges about
-    the model, m. used, outliers: ranges. range_scale: their median, m. bias_prior: standard
-    deviation of the bias as it was expected, m.
+    target that does not move as far as anybody can tell; velocity_sigma: None then. bias, scale: error of the radio: a
+    range is measured bias (m) + scale times its length too long. radio_covariance: (2, 2) of bias and scale.
+    bias_prior: standard deviation of the bias before the ranges, m. delay: s by which positions are older than ranges
+    of the same stamp. noise: standard deviation of the ranges about the model, m. used, outliers: ranges.
+    range_scale: their median, m.
     """
 
     time: float
@@ -71,7 +74,9 @@ class Place:
     up_sigma: float
     up_known: bool
     bias: float = 0.0
-    bias_sigma: float = 0.0
+    scale: float = 0.0
+    radio_covariance: Array = field(default_factory=lambda: np.zeros((2, 2)))
+    bias_prior: float = 2.0
     delay: float = 0.0
     delay_sigma: float = 0.0
     noise: float = 0.0
@@ -80,7 +85,6 @@ class Place:
     velocity: tuple[float, float] = (0.0, 0.0)
     velocity_sigma: float | None = None
     range_scale: float = 100.0
-    bias_prior: float = 2.0
 
     @property
     def latitude(self) -> float:
@@ -103,6 +107,26 @@ class Place:
     def sigma(self) -> float:
         """Standard deviation along the major axis, m."""
         return self.ellipse.major / CHI95
+
+    @property
+    def bias_sigma(self) -> float:
+        """Standard deviation of the radio's bias, m."""
+        return float(np.sqrt(self.radio_covariance[0, 0]))
+
+    @property
+    def scale_sigma(self) -> float:
+        """Standard deviation of the radio's scale error."""
+        return float(np.sqrt(self.radio_covariance[1, 1]))
+
+    @property
+    def scale_found(self) -> bool:
+        """True if the ranges contradict a radio that measures true meters."""
+        return abs(self.scale) > SIGNIFICANT * self.scale_sigma
+
+    def range_error(self, length: float) -> tuple[float, float]:
+        """Return by how much a range of this length (m) is measured too long, and the standard deviation, m."""
+        slope = np.array([1.0, length])
+        return self.bias + self.scale * length, float(np.sqrt(slope @ self.radio_covariance @ slope))
 
     @property
     def moves(self) -> bool:
@@ -153,6 +177,8 @@ class Place:
             "speed_sigma_mps": None if self.velocity_sigma is None else round(self.velocity_sigma, 2),
             "range_bias_m": round(self.bias, 2),
             "range_bias_sigma_m": round(self.bias_sigma, 2),
+            "range_scale": round(1 + self.scale, 5) if self.scale_found else None,
+            "range_scale_sigma": round(self.scale_sigma, 5) if self.scale_found else None,
             "position_delay_s": round(self.delay, 3),
             "position_delay_sigma_s": round(self.delay_sigma, 3),
             "range_noise_m": round(self.noise, 2),
@@ -171,3 +197,4 @@ class Place:
 
 
 NOT_OBSERVABLE = "not observable: one circle cannot tell it from a range bias; fly a second radius or height"
+NO_SCALE = "scale taken as 1: the ranges do not contradict it"

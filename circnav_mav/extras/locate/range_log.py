@@ -8,6 +8,7 @@ import numpy as np
 
 from circnav_mav.extras.locate.estimator import Ranges, Track
 from circnav_mav.extras.locate.place import Plane
+from circnav_mav.mav.ranging.calibration import Calibration
 from circnav_mav.runlog.run_folder import RunError
 
 Position = tuple[float, float, float, float]
@@ -62,6 +63,15 @@ class RangeLog:
         known = np.isfinite(table[:, 2])
         filled = np.where(known, table[:, 2], 1.0 if sigma is None else sigma)
         return Ranges(table[:, 0], table[:, 1], filled), bool(known.all() or sigma is not None)
+
+
+def corrected(ranges: Ranges, calibration: Calibration) -> Ranges:
+    """Return reported ranges as the flight used them: their true lengths at the times of their measurement."""
+    if not calibration.is_set:
+        return ranges
+    true, slope = np.array([calibration.true(reported) for reported in ranges.r]).reshape(-1, 2).T
+    kept = true > 0
+    return Ranges(ranges.time[kept] - calibration.delay, true[kept], (ranges.sigma * slope)[kept])
 
 
 def tracks(logs: Sequence[RangeLog], most: int = 5000) -> list[list[tuple[float, float]]]:

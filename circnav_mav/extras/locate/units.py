@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from circnav_mav.extras.locate.estimator import Knowledge, Ranges, Track, locate
+from circnav_mav.extras.locate.estimator import Knowledge, Ranges, Track, _locate
 from circnav_mav.extras.locate.logs.interface import METERS, UNITS
 from circnav_mav.extras.locate.place import Place, Plane
 
@@ -79,5 +79,6 @@ def _tried(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, factor:
     if 2 * r.max() < extent / 2**0.5 - SLACK or np.ptp(np.percentile(r, [5, 95])) > extent + SLACK:
         return None
     sigma = np.full(len(r), max(0.01 * float(np.median(r)), 0.01))
-    found = locate(plane, track, Ranges(ranges.time, r, sigma), replace(known, sigma_known=False))
+    # The scale of the radio stays fixed: a free one would fit the wrong unit.
+    found = _locate(plane, track, Ranges(ranges.time, r, sigma), replace(known, sigma_known=False), None)
     return found if isinstance(found, Place) and not found.moves else None

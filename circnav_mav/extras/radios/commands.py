@@ -7,7 +7,7 @@ from circnav_mav.cli.describe import Finite, command
 
 @click.group(short_help="Try a ranging radio and its driver.")
 def ranging() -> None:
-    """Try a ranging radio and its driver, without a vehicle.
+    """Try a ranging radio and its driver without a vehicle, and calibrate it by a flight.
 
     \b
     Example:

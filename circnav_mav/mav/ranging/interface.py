@@ -4,12 +4,13 @@ Units change in the messages' files: centimetres, millimetres, milliseconds and 
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from math import inf
 from typing import NamedTuple
 
 from circnav_mav.mav.codec import Message
+from circnav_mav.mav.ranging.calibration import Calibration
 
 
 class Reject(Enum):
@@ -62,7 +63,8 @@ class RangingSettings:
     repeat values faster than that. max_sigma: standard deviation, reported or measured, m, above which a range is of no
     use. rate_name: the NAMED_VALUE_FLOAT that carries the range rate, None for none. rate_sign: "opening" where it is
     positive away from the target, "closing" where it is positive towards it. rate_sigma_mps: standard deviation to
-    assume. listens: False to steer without having listened for a second source.
+    assume. listens: False to steer without having listened for a second source. calibration: error of the radio, taken
+    off each reading.
     """
 
     message: str = "distance_sensor"
@@ -83,6 +85,7 @@ class RangingSettings:
     rate_sign: str = "opening"
     rate_sigma_mps: float = 0.3
     listens: bool = True
+    calibration: Calibration = field(default_factory=Calibration)
 
 
 class Reading(NamedTuple):
@@ -92,6 +95,11 @@ class Reading(NamedTuple):
     sigma: float | None
     stamp: float | None
     sequence: int | None = None
+
+    def calibrated(self, calibration: Calibration) -> "Reading":
+        """Return the reading with the true range instead of the reported one, m. It may be below zero."""
+        slant, slope = calibration.true(self.slant)
+        return self._replace(slant=slant, sigma=None if self.sigma is None else self.sigma * slope)
 
 
 @dataclass(frozen=True, slots=True)

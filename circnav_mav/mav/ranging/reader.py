@@ -138,6 +138,10 @@ class RangeReader:
             return Reject.OTHER_SENSOR
         if isinstance(reading, Reject):
             return reading
+        if settings.calibration.is_set:
+            reading = reading.calibrated(settings.calibration)
+        if reading.slant <= 0:  # a radio reads meters too long close to its beacon, and once less than that
+            return Reject.NO_RANGE
         if reading.slant > settings.max_range_m:
             return Reject.ABOVE_MAX
         # before the engagement a second source may be the one that is meant; in flight it changes nothing any more
@@ -160,7 +164,7 @@ class RangeReader:
     def _sample(self, reading: Reading, stamp: float, now: float, height: float | None) -> RangeSample | Reject:
         """The sample of a reading that is new, unless it is too old or the target is overhead."""
         settings, noise = self._settings, self._noise
-        time = self.clock.local(stamp, now)
+        time = self.clock.local(stamp, now) - settings.calibration.delay
         self.stepped = self.clock.followed
         if now - time > settings.max_age:
             return Reject.CLOCK if self.clock.doubted else Reject.TOO_OLD
@@ -267,7 +271,7 @@ class RangeRateReader:
             return None
         carried = boot_stamp(message) if settings.stamp == "sensor" else None
         stamp = now if carried is None else ranging.clock.unwrapped(carried)
-        time = now + min(ranging.clock.ahead(stamp, now), 0.0)
+        time = now + min(ranging.clock.ahead(stamp, now), 0.0) - settings.calibration.delay
         if now - time > settings.max_age - SAME_TIME or (self._stamp is not None and stamp <= self._stamp):
             return None
         self._stamp = stamp

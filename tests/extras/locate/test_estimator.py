@@ -39,7 +39,7 @@ def test_the_covariance_is_honest_where_the_gps_wanders():
     assert 0.7 < np.median(squares) < 2.5
 
 
-def test_height_is_not_claimed_on_one_circle_and_known_within_half_a_metre_after_two():
+def test_height_is_not_claimed_on_one_circle_and_known_within_half_a_meter_after_two():
     one, two = circles((100.0,), bias=1.5, gps=0.0, laps=2), circles((100.0, 60.0), bias=1.5, gps=0.0, laps=2)
     known = replace(KNOWN, gps_sigma=0.01)
     assert not found(*one[:2], known).up_known

@@ -288,3 +288,17 @@ def test_a_log_that_is_not_there_is_bad_usage_whatever_its_name(tmp_path):
         with pytest.raises(Refused) as refusal:
             run(tmp_path / name)
         assert refusal.value.exit == exit
+
+
+def test_the_calibration_of_a_runs_mission_is_applied_once(tmp_path):
+    track, ranges, target = circles((100.0, 60.0), gps=0.0, noise=0.05, laps=1.0)
+    # measured 0.2 s before its stamp, 7 % and 1.5 m too long
+    reported = Ranges(ranges.time + 0.2, ranges.r * 1.07 + 1.5, ranges.sigma)
+    run_folder = as_run(tmp_path, track, reported, sigma=0.05)
+    mission = run_folder / "mission.toml"
+    mission.write_text(mission.read_text().replace("[ranging]", "[ranging]\nscale = 1.07\nbias_m = 1.5\ndelay_s = 0.2"))
+    assert run(run_folder, "--gps-sigma", 0.05) == Exit.DONE
+    found = places(run_folder / "locate.geojson")["UWB of 3/1"]
+    assert off(found, target) < 0.1
+    assert found["range_scale"] is None and abs(found["range_bias_m"]) < 0.1
+    assert abs(found["position_delay_s"]) < 0.02

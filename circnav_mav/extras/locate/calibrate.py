@@ -1,0 +1,254 @@
+"""`circnav ranging calibrate`: the error of a radio over its range, by a log with positions, and the mission's keys."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import tomlkit
+
+from circnav_mav.cli.exits import Exit, Refused, refusing, say
+from circnav_mav.extras.locate.command import mission_of, read
+from circnav_mav.extras.locate.estimator import (
+    CALIBRATED,
+    UNCALIBRATED,
+    Knowledge,
+    NotYet,
+    Ranges,
+    Track,
+    locate_as_it_shows,
+)
+from circnav_mav.extras.locate.logs.interface import ReadOptions
+from circnav_mav.extras.locate.place import Array, Place, Plane
+from circnav_mav.extras.locate.range_log import RangeLog, corrected
+from circnav_mav.mav.ranging.calibration import Calibration, rising
+from circnav_mav.mission.load import MissionError, load_mission
+from circnav_mav.mission.mission import Mission
+from circnav_mav.runlog.atomic_write import write_text
+
+BIAS, CLOCKS = 10.0, 0.1
+"""Standard deviations of an uncalibrated radio's bias, m, and of its delay, s: one recorder stamps both."""
+LEAST = 10
+"""Ranges in a bin below which it is left out."""
+BINS = 8
+"""Most bins of the error over range."""
+CURVED = 2.0
+"""Errors of a position by which a bin must lie off the straight line before a table replaces the line."""
+SHARP = 0.01
+"""Standard deviation below which a scale counts as observed: 1 m at 100 m."""
+ROUNDS = 4
+"""Times that the place is found again with the table: each changes it less."""
+MISSION_HEIGHT = 0.1
+"""Standard deviation of the mission's height, m. The flight takes the same height off its ranges: an error of it goes
+into the calibration, and the circle has the true radius all the same."""
+LATE = 0.05
+"""Delay, s, below which it is left out: at 15 m/s it moves a range by less than the positions err."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bin:
+    """Ranges of about one length. true, error, spread: m."""
+
+    true: float
+    error: float
+    spread: float
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """Error of a radio. place: of the beacon. true, error: length of each range and by how much it was reported too
+    long, m. scale_sigma: standard deviation of the scale where it is free, apart from the bias."""
+
+    place: Place
+    calibration: Calibration
+    true: Array
+    error: Array
+    scale_sigma: float
+
+
+def calibrate_radio(
+    path: str, *, tag: str | None, vehicle: int | None, positions: str | None, range_name: str | None,
+    sigma: float | None, gps_sigma: float, altitude: float | None, mission: str | None, out: str | None,
+) -> int:  # fmt: skip
+    """Print and plot the error over range; write the keys. Raises Refused."""
+    source = Path(path)
+    with refusing(source):
+        flown = mission_of(source)
+        name = range_name or (flown.file.ranging.name if flown is not None else ReadOptions().range_name)
+        log, tag = _radio(read(source, ReadOptions(name, vehicle=vehicle), positions), tag, source)
+        plane = log.plane()
+        track, (ranges, said) = log.track(plane), log.of(tag, sigma)
+        up, up_sigma = _target_height(track, altitude, flown)
+        known = Knowledge(
+            up=up, up_sigma=up_sigma, gps_sigma=gps_sigma, bias_sigma=BIAS, scale_sigma=UNCALIBRATED,
+            delay_sigma=CLOCKS, sigma_known=said,
+        )  # fmt: skip
+        found = measure(plane, track, ranges, known)
+        if isinstance(found, NotYet):
+            raise Refused(f"{source}: {tag}: the beacon was not located: {found.why}", Exit.NOTHING_HEARD)
+        for note in log.notes:
+            say(f"note: {note}")
+        _say(tag, found)
+        lines = keys_of(found.calibration)
+        folder = Path(out) if out else source if source.is_dir() else source.parent
+        folder.mkdir(parents=True, exist_ok=True)
+        name = "calibration" if source.is_dir() else f"{source.stem}.calibration"
+        write_text(folder / f"{name}.toml", "[ranging]\n" + "".join(f"{line}\n" for line in lines))
+        _plot(folder / f"{name}.png", found, tag)
+        say("\n".join(["[ranging]", *lines]))
+        say(f"  written    {folder / name}.toml, .png")
+        if mission is not None:
+            write_into(Path(mission), found.calibration)
+            say(f"  written    into {mission}: the next flight uses it")
+    return Exit.DONE
+
+
+def measure(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> Measured | NotYet:
+    """Return the error of a radio by positions and the ranges that it reported."""
+    place = free = locate_as_it_shows(plane, track, ranges, known)
+    if isinstance(free, NotYet):
+        return free
+    if not free.scale_found:  # on one radius any scale fits, with a bias to it
+        place = locate_as_it_shows(plane, track, ranges, replace(known, scale_sigma=CALIBRATED))
+        if isinstance(place, NotYet):
+            return place
+    assert isinstance(place, Place)
+    delay = round(-place.delay, 3) if abs(place.delay) > max(3 * place.delay_sigma, LATE) else 0.0
+    scale, bias = (
+        (1.0, place.range_error(place.range_scale)[0]) if not place.scale_found else (1 + place.scale, place.bias)
+    )
+    linear = Calibration(round(scale, 5), round(bias, 2), delay)
+    straight = Measured(place, linear, *_errors(place, track, ranges), free.scale_sigma)
+    bins = _bins(straight.true, straight.error)
+    off = [abs(one.error - (linear.reported(one.true) - one.true)) - 3 * one.spread / one.count**0.5 for one in bins]
+    if max(off, default=0.0) <= CURVED * known.gps_sigma:
+        return straight
+    # The radio is not linear. The place by the line is a little off, and so is the table by that place: with each
+    # round both improve, as the circle gives the place whatever a radio adds on it. The delay stays: on a straight
+    # approach it and a bias of the far ranges are one, and together they would run away.
+    track = replace(track, time=track.time - place.delay)
+    settled = replace(known, bias_sigma=1.0, scale_sigma=CALIBRATED, delay_sigma=0.001)
+    curved = straight
+    for _ in range(ROUNDS):
+        points = tuple((round(one.true, 1), round(one.true + one.error, 2)) for one in bins)
+        if not rising(points):
+            return straight
+        calibration = Calibration(points=points, delay=delay)
+        again = locate_as_it_shows(plane, track, corrected(ranges, replace(calibration, delay=0.0)), settled)
+        if isinstance(again, NotYet):
+            return straight
+        curved = Measured(again, calibration, *_errors(again, track, ranges), free.scale_sigma)
+        bins = _bins(curved.true, curved.error)
+    return curved
+
+
+def keys_of(calibration: Calibration) -> list[str]:
+    """Return the lines of [ranging] that carry a calibration."""
+    return [f"{key} = {value}" for key, value in _keys(calibration).items()]
+
+
+def write_into(file: Path, calibration: Calibration) -> None:
+    """Write a calibration into a mission file, whose comments and other keys stay. Raises Refused, OSError."""
+    with refusing(file, MissionError):
+        load_mission(file)
+    document = tomlkit.parse(file.read_text(encoding="utf-8"))
+    table = document["ranging"]
+    assert isinstance(table, tomlkit.items.Table)
+    for key in ("scale", "bias_m", "delay_s", "points_m"):
+        table.pop(key, None)
+    for key, value in _keys(calibration).items():
+        table[key] = value
+    write_text(file, tomlkit.dumps(document))
+
+
+def _keys(calibration: Calibration) -> dict[str, float | list[list[float]]]:
+    if calibration.points:
+        keys: dict[str, float | list[list[float]]] = {"points_m": [list(point) for point in calibration.points]}
+    else:
+        keys = {"scale": calibration.scale, "bias_m": calibration.bias}
+    return keys | ({"delay_s": calibration.delay} if calibration.delay else {})
+
+
+def _radio(logs: Sequence[RangeLog], tag: str | None, source: Path) -> tuple[RangeLog, str]:
+    """Return the one radio to calibrate, with its log. Raises Refused."""
+    radios = [(log, name) for log in logs if len(log.positions) > 1 for name in log.ranges]
+    chosen = [(log, name) for log, name in radios if tag in (None, name)]
+    if len(chosen) != 1:
+        names = ", ".join(repr(name) for _, name in radios)
+        raise Refused(f"{source}: one radio at a time: give --tag, one of {names}")
+    return chosen[0]
+
+
+def _target_height(track: Track, altitude: float | None, mission: Mission | None) -> tuple[float, float]:
+    """Return the altitude of the beacon and its standard deviation, m: given, by the mission, or the lowest ground."""
+    if altitude is None and mission is not None:
+        above, altitude = mission.height.above_target, mission.height.target_altitude
+        altitude = float(np.median(track.up)) - above if altitude is None and above is not None else altitude
+    return (float(track.up.min()), 50.0) if altitude is None else (altitude, MISSION_HEIGHT)
+
+
+def _errors(place: Place, track: Track, ranges: Ranges) -> tuple[Array, Array]:
+    """Return the true length of each range by the positions, and by how much it was reported too long, m."""
+    inside = (ranges.time >= track.time[0]) & (ranges.time <= track.time[-1])
+    time = ranges.time[inside] + place.delay
+    way = [np.interp(time, track.time, part) for part in (track.east, track.north, track.up)]
+    true = np.sqrt((way[0] - place.east) ** 2 + (way[1] - place.north) ** 2 + (way[2] - place.up) ** 2)
+    return true, ranges.r[inside] - true
+
+
+def _bins(true: Array, error: Array) -> list[Bin]:
+    """Return the error over range in bins of even width: the median of each, as outliers are in it."""
+    width = max(float(np.ptp(true)), 1e-3) / BINS
+    at = np.minimum(((true - true.min()) / width).astype(int), BINS - 1)
+    found = []
+    for one in range(BINS):
+        these = at == one
+        if these.sum() >= LEAST:
+            middle = float(np.median(error[these]))
+            spread = 1.4826 * float(np.median(np.abs(error[these] - middle)))
+            found.append(Bin(float(np.median(true[these])), middle, spread, int(these.sum())))
+    return found
+
+
+def _say(tag: str, found: Measured) -> None:
+    place, calibration = found.place, found.calibration
+    say(f"{tag}: {place.used} ranges, noise {place.noise:.2f} m, beacon at {place.words()}")
+    say("  true range     reported too long by    spread    ranges")
+    for one in _bins(found.true, found.error):
+        say(f"  {one.true:8.1f} m     {one.error:+10.2f} m        {one.spread:8.2f} m  {one.count:6d}")
+    error, sigma = place.range_error(place.range_scale)
+    if calibration.points:
+        say("  radio      not linear: a table of points")
+    elif place.scale_found:
+        scale = f"scale {1 + place.scale:.4f} +-{place.scale_sigma:.4f}"
+        say(f"  radio      {scale}, bias {place.bias:+.2f} +-{place.bias_sigma:.2f} m")
+    elif found.scale_sigma < SHARP:
+        say(f"  radio      {error:+.2f} +-{sigma:.2f} m too long; scale 1 within {found.scale_sigma:.4f}")
+    else:
+        say(
+            f"  radio      {error:+.2f} +-{sigma:.2f} m too long at {place.range_scale:.0f} m. Scale and bias not "
+            "observable apart: right at this range only; fly the approach or a second radius as well"
+        )
+    if not place.up_known:
+        say("  WARNING    the height of the beacon is not known and looks like a bias: give --altitude")
+
+
+def _plot(path: Path, found: Measured, tag: str) -> None:
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    from circnav_mav.report.plots import STYLE, literal, save
+
+    true, error, calibration = found.true, found.error, found.calibration
+    line = np.linspace(0, float(true.max()), 200)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(8, 4.5), layout="constrained")
+        axis = figure.subplots()
+        axis.plot(true, error, ".", ms=2, alpha=0.4, label="ranges")
+        axis.plot(line, [calibration.reported(one) - one for one in line], color="#d55e00", label="calibration")
+        low, high = np.percentile(error, [1, 99])
+        axis.set(xlabel="true range, m", ylabel="reported too long by, m", ylim=(low - 2, high + 2))
+        axis.set_title(literal(f"{tag}: {calibration.describe()}"))
+        axis.legend(fontsize=8)
+        save(figure, path)

@@ -1,0 +1,133 @@
+"""A radio that errs: what the survey finds of it, what it does not claim, and what `ranging calibrate` writes."""
+
+import re
+from dataclasses import replace
+from math import hypot
+
+import numpy as np
+import pytest
+
+from circnav_mav import cli
+from circnav_mav.extras.locate.calibrate import measure
+from circnav_mav.extras.locate.estimator import UNCALIBRATED, Ranges, Track, locate
+from circnav_mav.mav.ranging.calibration import Calibration
+from circnav_mav.mission.load import load_mission
+from tests.extras.locate.flown import surveyed
+from tests.extras.locate.worlds import KNOWN, PLANE, V, gps_error
+from tests.flight.lockstep import CONFIG, true_radius
+
+HEIGHT = 40.0
+ABOVE = replace(KNOWN, up_sigma=0.5)
+SX1280 = Calibration(points=((0, 4.4), (50, 57.6), (100, 103), (150, 148), (200, 201), (250, 253), (600, 603)))
+
+
+def approach_and_laps(radio, *, seed=1, gps=1.5, laps=4.0, far=500.0):
+    """A straight way from `far` onto a circle of 100 m round the origin at 15 m/s, and laps there."""
+    rng = np.random.default_rng(seed)
+    straight = np.arange(-far, 0.0, V * 0.1)
+    angle = np.arange(0, laps * 2 * np.pi, V * 0.1 / 100)
+    true = np.concatenate([
+        np.column_stack([straight, np.full(len(straight), -100.0)]),
+        100 * np.column_stack([np.sin(angle), -np.cos(angle)]),
+    ])  # fmt: skip
+    t = 0.1 * np.arange(len(true))
+    told = true + (gps_error(t, rng, gps) if gps else 0.0)
+    slant = np.sqrt((true**2).sum(axis=1) + HEIGHT**2)
+    r = np.array([radio.reported(one) for one in slant]) + rng.normal(0, 0.5, len(t))
+    return Track(t, *told.T, np.full(len(t), 400.0 + HEIGHT)), Ranges(t, r, np.full(len(t), 0.5))
+
+
+def test_a_scale_is_found_on_the_approach_and_the_place_is_as_good_as_with_a_good_radio():
+    known = replace(ABOVE, gps_sigma=0.05)
+    errors = []
+    for radio in (Calibration(), Calibration(1.07, 1.0)):
+        place = locate(PLANE, *approach_and_laps(radio, gps=0.05), known)
+        errors.append(hypot(place.east, place.north))
+        assert errors[-1] < 3 * place.sigma < 0.6
+    assert place.scale == pytest.approx(0.07, abs=3 * place.scale_sigma) and place.scale_found
+    assert place.bias == pytest.approx(1.0, abs=3 * place.bias_sigma)
+
+
+def test_on_one_circle_only_the_sum_of_bias_and_scale_is_claimed():
+    track, ranges = approach_and_laps(Calibration(1.07), far=0.0)
+    place = locate(PLANE, track, ranges, replace(ABOVE, scale_sigma=UNCALIBRATED, bias_sigma=10.0))
+    error, sigma = place.range_error(hypot(100.0, HEIGHT))
+    assert error == pytest.approx(0.07 * hypot(100.0, HEIGHT), abs=3 * sigma) and sigma < 0.6
+    assert not place.scale_found and place.bias_sigma > 5
+
+
+def test_a_scale_that_a_height_level_with_the_vehicle_explains_is_not_found():
+    """A good radio, a target 40 m below a level circle that is not round it, and no idea of the height."""
+    t = 0.5 * np.arange(240)
+    angle = t * V / 80
+    east, north = 80 * np.sin(angle), 80 * np.cos(angle) + 160.0
+    rng = np.random.default_rng(3)
+    r = np.sqrt(east**2 + north**2 + HEIGHT**2) + rng.normal(0, 0.3, len(t))
+    track, ranges = Track(t, east, north, np.full(len(t), 440.0)), Ranges(t, r, np.full(len(t), 0.3))
+    known = replace(KNOWN, up_sigma=50.0, scale_sigma=UNCALIBRATED)
+    free = locate(PLANE, track, ranges, known)
+    assert abs(free.scale) < 3 * free.scale_sigma and free.scale_sigma > 0.01
+    assert measure(PLANE, track, ranges, known).calibration.scale == 1.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_level_track_claims_no_height_as_its_mirror_image_fits_as_well(seed):
+    """A cart with RTK passes a UWB anchor that is 1 m above it at 4 to 50 m, on ground that is level within 0.1 m."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0, 190.0, 1.0)
+    east, north = 22 * np.cos(t / 30) + 26, 5 * np.sin(t / 15) + 1
+    up = 0.08 * np.sin(t / 40) + rng.normal(0, 0.02, len(t))
+    ranges = Ranges(t, np.sqrt(east**2 + north**2 + (up - 0.93) ** 2) + rng.normal(0, 0.05, len(t)), 0 * t + 0.05)
+    for gps in (0.05, 1.5):
+        place = locate(PLANE, Track(t, east, north, up), ranges, replace(KNOWN, up=0.0, up_sigma=50.0, gps_sigma=gps))
+        assert not place.up_known or abs(place.up - 0.93) < 3 * place.up_sigma
+        assert hypot(place.east, place.north) < 3 * place.sigma + 0.1
+
+
+@pytest.mark.parametrize(
+    ("radio", "gps"), [(Calibration(1.07), 1.5), (Calibration(0.95, 2.0), 1.5), (SX1280, 1.5), (SX1280, 0.05)]
+)
+def test_the_calibration_gives_the_true_radius_within_half_a_meter(radio, gps):
+    known = replace(ABOVE, up_sigma=0.1, gps_sigma=gps, bias_sigma=10.0, scale_sigma=UNCALIBRATED, delay_sigma=0.1)
+    found = measure(PLANE, *approach_and_laps(radio, gps=gps), known).calibration
+    assert bool(found.points) == (radio is SX1280 and gps < 1)
+    # flown at a calibrated range of 100 m on the map
+    slant, _ = radio.true(found.reported(hypot(100.0, HEIGHT)))
+    assert np.sqrt(slant**2 - HEIGHT**2) == pytest.approx(100.0, abs=0.5)
+
+
+def test_the_command_prints_plots_and_writes_the_keys_into_a_mission(tmp_path, capsys):
+    track, ranges = approach_and_laps(Calibration(1.07, 1.5), gps=0.05)
+    latitude, longitude = PLANE.to_degrees(track.east, track.north)
+    rows = zip(track.time, latitude, longitude, track.up, ranges.r, strict=True)
+    lines = [f"{t:.1f},{a:.9f},{b:.9f},{up:.1f},{r:.2f}" for t, a, b, up, r in rows]
+    log, mission = tmp_path / "flight.csv", tmp_path / "mine.toml"
+    log.write_text("time,latitude,longitude,altitude,range\n" + "\n".join(lines) + "\n")
+    mission.write_text((CONFIG / "quickstart.toml").read_text())
+    given = ["ranging", "calibrate", str(log), "--altitude", "400", "--gps-sigma", "0.05", "--mission", str(mission)]
+    assert not cli.circnav.main(given, standalone_mode=False)
+    printed = capsys.readouterr().out
+    ranging = load_mission(mission).file.ranging
+    assert ranging.scale == pytest.approx(1.07, abs=0.005) and ranging.bias_m == pytest.approx(1.5, abs=0.7)
+    assert f"scale = {ranging.scale}" in printed and "reported too long by" in printed
+    assert (tmp_path / "flight.calibration.png").exists() and (tmp_path / "flight.calibration.toml").exists()
+    assert "# MAVLink message that carries the range" in mission.read_text()
+
+
+def test_a_flight_with_a_long_radio_gets_an_alarm_with_its_true_radius_and_one_with_its_calibration_none():
+    on_circle = "sim.start.north_m=100", "sim.start.east_m=0", "sim.start.heading_deg=90"
+    for keys, alarm in ((), True), (("ranging.scale=1.07",), False):
+        flown = surveyed("quickstart", *on_circle, "sim.ranging.scale=1.07", *keys)
+        flown.solve_from = 1e9
+        flown.fly(80.0)
+        flown.locator.found(flown.solve())
+        assert bool(flown.locator.radius_alarm) == alarm
+        flown.fly(82.0)
+        texts = [one.text for _, one in flown.messages if one.get_type() == "STATUSTEXT" and "true radius" in one.text]
+        assert len(texts) == alarm
+        if alarm:
+            number = re.fullmatch(r"circnav: ranges 7 % long: true radius ([\d.]+) m", texts[0])
+            circle = np.sqrt((hypot(100.0, 30.0) / 1.07) ** 2 - 30.0**2)
+            assert number and float(number[1]) == pytest.approx(circle, abs=0.6)
+            # the law itself flies outside: its turn for 100 m takes true meters for granted
+            assert np.mean([true_radius(one) for one in flown.truths[-800:]]) == pytest.approx(circle, abs=2.0)

@@ -1,0 +1,229 @@
+"""The place of a beacon by one vehicle, on real ranges: ours beside GTSAM, a particle filter and least squares.
+
+    pip install -e '.[survey-bench]'
+    python -m tests.tools.bench.bench_plaza
+
+Plaza 1 and 2 (Djugash and Singh, Carnegie Mellon University): a robot mower with an RTK receiver and a radio whose
+ranges are 7 % long, four surveyed beacons each. The data come in the `gtsam` wheel. Each method gets the ranges of one
+beacon as they were measured and the true path of the mower; the height is that of the path. All but the first row,
+GTSAM's own range factor, have a bias and a scale of the radio as states. All start without an idea of the place.
+Sigma: along the long axis of the stated covariance. Inside: beacons in the 95 % ellipse.
+"""
+
+import argparse
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from functools import partial
+from importlib.util import find_spec
+from math import hypot
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.io import loadmat
+from scipy.optimize import least_squares
+
+from circnav_mav.extras.locate.estimator import Knowledge, Place, Ranges, Track, locate_as_it_shows
+from circnav_mav.extras.locate.place import Array, Plane
+
+NOISE, HUBER = 0.5, 1.345
+"""Of a range, m, for the methods that need it given; standard deviations from which the loss is linear."""
+BIAS, SCALE = 2.0, 0.1
+"""Standard deviations of the radio's bias, m, and scale."""
+INSIDE = 5.991
+"""95 % of chi-squared with two degrees of freedom."""
+PARTICLES, ROUGHENING = 3000, (0.02, 0.02, 0.01, 0.0005)
+"""Of the particle filter; random walk of a constant state between two ranges (m, m, m, 1), without which resampling
+leaves one particle."""
+
+
+@dataclass(frozen=True)
+class Beacon:
+    """One beacon. true: east, north, m. places: of the mower at the ranges, (n, 2)."""
+
+    name: str
+    true: Array
+    track: Track
+    ranges: Ranges
+    places: Array
+
+
+Estimate = tuple[Array, Array]
+"""East and north, m, and their covariance."""
+
+
+def beacons(folder: Path) -> Iterator[Beacon]:
+    """Read the eight beacons. folder: of the MATLAB files."""
+    for plaza in (1, 2):
+        table = loadmat(folder / f"Plaza{plaza}_.mat")
+        when, east, north = table["GT"][:, :3].T
+        for ident, *true in table["TL"]:
+            rows = table["TD"][table["TD"][:, 2] == ident]
+            ranges = Ranges(rows[:, 0], rows[:, 3], np.ones(len(rows)))
+            places = np.column_stack([np.interp(ranges.time, when, way) for way in (east, north)])
+            track = Track(when, east, north, np.zeros(len(when)))
+            yield Beacon(f"Plaza {plaza}, {int(ident)}", np.array(true), track, ranges, places)
+
+
+def ours(beacon: Beacon) -> Estimate:
+    """`circnav locate --altitude 0 --gps-sigma 0.05`."""
+    known = Knowledge(up=0.0, up_sigma=0.05, gps_sigma=0.05, bias_sigma=BIAS, delay_sigma=0.5, sigma_known=False)
+    place = locate_as_it_shows(Plane(40.4, -79.9), beacon.track, beacon.ranges, known)
+    assert isinstance(place, Place), place
+    return np.array([place.east, place.north]), place.covariance
+
+
+def _starts(beacon: Beacon) -> Iterator[Array]:
+    """Points round the middle of the path, for the methods that need one to start from."""
+    middle, reach = beacon.places.mean(axis=0), float(np.median(beacon.ranges.r))
+    for angle in np.arange(8) * np.pi / 4:
+        yield middle + reach * np.array([np.cos(angle), np.sin(angle)])
+
+
+def plain(beacon: Beacon) -> Estimate:
+    """Least squares with bias and scale, nothing robust; the covariance by the residuals."""
+
+    def residuals(x: Array) -> Array:
+        far = np.hypot(*(x[:2] - beacon.places).T)
+        return np.asarray((1 + x[3]) * far + x[2] - beacon.ranges.r)
+
+    fits = [least_squares(residuals, [*start, 0.0, 0.0], x_scale=[10, 10, 1, 0.01]) for start in _starts(beacon)]
+    fit = min(fits, key=lambda one: float(one.cost))
+    variance = 2 * fit.cost / (len(beacon.ranges.r) - 4)
+    return fit.x[:2], (variance * np.linalg.inv(fit.jac.T @ fit.jac))[:2, :2]
+
+
+def gtsam_batch(beacon: Beacon, *, scale: bool) -> Estimate:
+    """Levenberg-Marquardt over one factor a range, with a Huber loss. scale: with bias and scale as a second variable,
+    by a custom factor; GTSAM's own range factor has neither."""
+    import gtsam
+
+    point, radio = gtsam.symbol("l", 0), gtsam.symbol("b", 0)
+    noise = gtsam.noiseModel.Robust.Create(
+        gtsam.noiseModel.mEstimator.Huber.Create(HUBER), gtsam.noiseModel.Isotropic.Sigma(1, NOISE)
+    )
+    graph = gtsam.NonlinearFactorGraph()
+
+    def error(place: Array, reading: float, _: Any, values: Any, jacobians: list[Array] | None) -> Array:
+        way = values.atPoint2(point) - place
+        far = max(hypot(*way), 1e-6)
+        bias, stretch = values.atVector(radio) if scale else (0.0, 0.0)
+        if jacobians is not None:
+            jacobians[0] = ((1 + stretch) * way / far).reshape(1, 2)
+            if scale:
+                jacobians[1] = np.array([[1.0, far]])
+        return np.array([(1 + stretch) * far + bias - reading])
+
+    for place, reading in zip(beacon.places, beacon.ranges.r, strict=True):
+        keys = [point, radio] if scale else [point]
+        graph.add(gtsam.CustomFactor(noise, keys, partial(error, place, reading)))
+    if scale:
+        prior = gtsam.noiseModel.Diagonal.Sigmas(np.array([BIAS, SCALE]))
+        graph.add(gtsam.PriorFactorVector(radio, np.zeros(2), prior))
+    found = []
+    for start in _starts(beacon):
+        initial = gtsam.Values()
+        initial.insert(point, start)
+        if scale:
+            initial.insert(radio, np.zeros(2))
+        result = gtsam.LevenbergMarquardtOptimizer(graph, initial).optimize()
+        found.append((graph.error(result), result))
+    result = min(found, key=lambda one: one[0])[1]
+    return result.atPoint2(point), gtsam.Marginals(graph, result).marginalCovariance(point)
+
+
+def particles(beacon: Beacon) -> Estimate:
+    """Stone Soup's particle filter over place, bias and scale, from a ring about the first range."""
+    from stonesoup.models.measurement.nonlinear import NonLinearGaussianMeasurement
+    from stonesoup.models.transition.linear import CombinedLinearGaussianTransitionModel, RandomWalk
+    from stonesoup.predictor.particle import ParticlePredictor
+    from stonesoup.resampler.particle import SystematicResampler
+    from stonesoup.types.array import StateVector, StateVectors
+    from stonesoup.types.detection import Detection
+    from stonesoup.types.hypothesis import SingleHypothesis
+    from stonesoup.types.state import ParticleState
+    from stonesoup.updater.particle import ParticleUpdater
+
+    class Reported(NonLinearGaussianMeasurement):  # type: ignore[misc]
+        """Reading of an erring radio at a place of the vehicle."""
+
+        translation_offset = None
+        place = np.zeros(2)
+
+        @property
+        def ndim_meas(self) -> int:
+            return 1
+
+        def function(self, state: Any, noise: Any = False, **_: Any) -> Any:
+            x = np.asarray(state.state_vector, float)
+            far = np.hypot(x[0] - self.place[0], x[1] - self.place[1])
+            reading = ((1 + x[3]) * far + x[2]).reshape(1, -1)
+            if isinstance(noise, bool):
+                noise = self.rvs(num_samples=reading.shape[1]) if noise else 0
+            return (StateVectors if reading.shape[1] > 1 else StateVector)(reading + noise)
+
+    rng, began = np.random.default_rng(1), datetime(2026, 1, 1)
+    np.random.seed(1)  # Stone Soup draws from it
+    around, far = rng.uniform(0, 2 * np.pi, PARTICLES), beacon.ranges.r[0] + rng.normal(0, 5.0, PARTICLES)
+    first = np.array([
+        beacon.places[0, 0] + far * np.cos(around), beacon.places[0, 1] + far * np.sin(around),
+        rng.normal(0, BIAS, PARTICLES), rng.normal(0, SCALE, PARTICLES),
+    ])  # fmt: skip
+    state = ParticleState(StateVectors(first), weight=np.full(PARTICLES, 1 / PARTICLES), timestamp=began)
+    walk = CombinedLinearGaussianTransitionModel([RandomWalk(size**2) for size in ROUGHENING])
+    predictor, updater = ParticlePredictor(walk), ParticleUpdater(None, SystematicResampler())
+    for at, (place, reading) in enumerate(zip(beacon.places, beacon.ranges.r, strict=True)):
+        model = Reported(ndim_state=4, mapping=(0, 1), noise_covar=np.array([[(2 * NOISE) ** 2]]))
+        model.place = place
+        when = began + timedelta(seconds=at + 1)  # of even steps: the walk is one of ranges, not of seconds
+        detection = Detection(StateVector([reading]), timestamp=when, measurement_model=model)
+        state = updater.update(SingleHypothesis(predictor.predict(state, timestamp=when), detection))
+    cloud, weight = np.asarray(state.state_vector, float)[:2], np.asarray(state.weight, float)
+    mean = np.average(cloud, axis=1, weights=weight)
+    return mean, np.cov(cloud, aweights=weight)
+
+
+METHODS: dict[str, Callable[[Beacon], Estimate]] = {
+    "GTSAM batch, no scale": partial(gtsam_batch, scale=False),
+    "plain least squares": plain,
+    "Stone Soup particle filter": particles,
+    "GTSAM batch, bias and scale": partial(gtsam_batch, scale=True),
+    "circnav locate": ours,
+}
+
+
+def row(name: str, method: Callable[[Beacon], Estimate], given: list[Beacon], *, each: bool) -> str:
+    """Return a method as a line of the table. each: with the error at each beacon."""
+    began, errors, sigmas, inside = time.process_time(), list[float](), list[float](), 0
+    for beacon in given:
+        found, covariance = method(beacon)
+        off = np.asarray(found, float) - beacon.true
+        errors.append(hypot(*off))
+        sigmas.append(float(np.linalg.eigvalsh(covariance)[-1]) ** 0.5)
+        inside += float(off @ np.linalg.solve(covariance, off)) <= INSIDE
+    seconds = (time.process_time() - began) / len(given)
+    line = f"| {name} | {np.median(errors):.2f} / {max(errors):.2f} | {np.median(sigmas):.2f} / {max(sigmas):.2f} | "
+    line += f"{inside} of {len(given)} | {seconds:.1f} |"
+    return line + (" " + ", ".join(f"{error:.2f}" for error in errors) + " |" if each else "")
+
+
+def main() -> None:
+    """The table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, metavar="DIR", help="Plaza1_.mat, Plaza2_.mat. [default: of gtsam]")
+    parser.add_argument("--method", action="append", metavar="NAME", choices=METHODS, help="only these")
+    options = parser.parse_args()
+    spec = find_spec("gtsam")
+    if options.data is None and (spec is None or spec.origin is None):
+        parser.error("the data are in the wheel of gtsam: pip install -e '.[survey-bench]', or give --data")
+    given = list(beacons(options.data or Path(str(spec and spec.origin)).parent / "Data"))
+    print("| method | error, median / worst, m | sigma, median / worst, m | inside | CPU s a beacon | each beacon, m |")
+    print("|---|---|---|---|---|---|")
+    for name in options.method or METHODS:
+        print(row(name, METHODS[name], given, each=True), flush=True)
+
+
+if __name__ == "__main__":
+    main()
