@@ -279,7 +279,7 @@ class Locator:
             which = "long" if share > 0 else "short"
             self.radius_alarm = f"ranges {100 * abs(share):.0f} % {which}: true radius {flown:.1f} m"
             if not before:
-                self._announcer.say(RADIUS.name, RADIUS.short.format(words=self.radius_alarm), severity=RADIUS.severity)
+                self._announcer.say(RADIUS.name, RADIUS.short.format(found=self.radius_alarm), severity=RADIUS.severity)
 
     # --- out --------------------------------------------------------------------------------------------------------
 
