@@ -39,8 +39,12 @@ class Controller:
     def __init__(self, settings: PilotSettings) -> None:
         orbit, facts = settings.orbit, settings.facts
         self._settings = settings
+        self.circle = orbit
+        """The circle of the mission, or the one that was asked for since."""
         self.orbit = orbit
-        """The circle that is flown now."""
+        """The circle that is flown now: with the spacing of a fleet."""
+        self._spacing = 0.0, 1.0
+        """Offset, m, and factor of the speed."""
         self._steer = Steering(orbit, settings.law)
         self._later, self._laps = list(settings.later_radii), LapCounter()
         self._changed_at = float("-inf")
@@ -145,16 +149,20 @@ class Controller:
         """Fly another circle from now on. Return why it cannot be flown, empty if it is."""
         if now - self._changed_at < MIN_INTERVAL - SAME_TIME:
             return f"{now - self._changed_at:.2f} s after the last change, wait {MIN_INTERVAL:g} s"
-        wanted = request.applied(self.orbit)
-        if why := obstacle(request, self.orbit, self._settings.circle_limits):
+        offset, pace = self._spacing
+        offset = offset if request.offset is None else request.offset
+        pace = pace if request.pace is None else request.pace
+        request = request._replace(offset=offset, pace=pace)
+        wanted, circle = request.applied(self.circle), request.circle(self.circle)
+        if why := obstacle(request, self.circle, self._settings.circle_limits):
             return why
         try:
             self._steer.change(wanted, self._settings.tuning.choice(wanted))
         except ValueError as error:
             return str(error)
-        if abs(wanted.radius / self.orbit.radius - 1) > NEAR or wanted.direction is not self.orbit.direction:
+        if abs(circle.radius / self.circle.radius - 1) > NEAR or circle.direction is not self.circle.direction:
             self._trim = 0.0  # it was learned on the circle before
-        self.orbit, self._changed_at = wanted, now
+        self.circle, self.orbit, self._spacing, self._changed_at = circle, wanted, (offset, pace), now
         return ""
 
     def setpoint(self, command: TurnCommand, session: Session, now: float) -> tuple[Message, YawRate]:

@@ -38,7 +38,10 @@ class LoopStep:
 
 def requests_text(requests: list[CircleRequest]) -> str:
     """Return requests as a cell of turns.csv, empty for none."""
-    plain = [[one.radius, one.direction and one.direction.value, one.speed, one.by] for one in requests]
+    plain = [
+        [one.radius, one.direction and one.direction.value, one.speed, one.by, one.offset, one.pace]
+        for one in requests
+    ]
     return json.dumps(plain) if plain else ""
 
 
@@ -46,8 +49,8 @@ def requests_from(text: str) -> list[CircleRequest]:
     """Return the requests of a cell of turns.csv. Raises ValueError for what the recorder never wrote."""
     try:
         return [
-            CircleRequest(radius, direction and Direction(direction), speed, by)
-            for radius, direction, speed, by in (json.loads(text) if text else ())
+            CircleRequest(radius, direction and Direction(direction), speed, by, *spacing)
+            for radius, direction, speed, by, *spacing in (json.loads(text) if text else ())
         ]
     except TypeError as error:
         raise ValueError(error) from None

@@ -89,6 +89,8 @@ class Pilot:
         self._copter_motion, self._side_slip = CopterMotion(), SideSlip()
         self.own: OwnMotion | None = None
         """The newest motion through the air, as the estimators have it; None before an attitude was heard."""
+        self.estimate: RangeEstimate | None = None
+        """The estimate that the newest step steered by."""
 
     # --- in: every message that arrives -----------------------------------------------------------------------------
 
@@ -112,8 +114,11 @@ class Pilot:
     def request_circle(self, request: CircleRequest, now: float) -> str:
         """Fly another circle, if vehicle, bounds and rate of change allow it. Return why not, empty if it is flown."""
         why = self.controller.change_circle(request, now)
-        if why:
+        # Spacing is asked for twice a second: a refusal is said once, not each time.
+        if why and request.offset is None:
             self._say("circle refused", why, severity=MAV_SEVERITY_WARNING)
+        elif request.offset is not None:
+            self._say_news("spacing refused", bool(why), why or "spacing accepted again")
         return why
 
     def abandon(self, reason: str) -> None:
@@ -202,7 +207,7 @@ class Pilot:
         self._watch_following(now)
         self._watch_ranging(estimate, now)
         self._watch_engagement(now)
-        desired = self.controller.orbit.radius
+        desired, self.estimate = self.controller.circle.radius, estimate
         command = self.controller.command(self.mission.phase, estimate, self.session.timesync.worst, now)
         message, sent = self._setpoint(command, now)
         if message is not None and (turn := turn_in(message)) is not None:
@@ -322,7 +327,7 @@ class Pilot:
         if self._flies:  # a dry run may begin on the ground, far from the height that is told
             self.tracker.height.engage()
         self.session.drop_mode_requests()
-        self._say("engage", f"{'engaged' if self._flies else 'dry run'}, {_circle(self.controller.orbit)}")
+        self._say("engage", f"{'engaged' if self._flies else 'dry run'}, {_circle(self.controller.circle)}")
 
     def _finish(self, outcome: Outcome, now: float) -> None:
         if self.mission.finish(outcome, now, ours=self._authority.may_be_ours(now)):
@@ -380,7 +385,7 @@ class Pilot:
 
     def _housekeeping(self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float) -> list[Message]:
         """Heartbeat, commands, streams, texts and plot values; the farewell at the end."""
-        plots = self.session.announcer.plots(plot_values(self.controller.orbit, estimate, command), now)
+        plots = self.session.announcer.plots(plot_values(self.controller.circle, estimate, command), now)
         if self.settings.output_mode is OutputMode.SHADOW:
             return self.session.heartbeats_due(now) + plots
         if self.done:
@@ -402,7 +407,7 @@ class Pilot:
         self._rivals = rivals
         self.drift_alarm = alarm = watch_drift(self.drift_alarm, estimate, controller.orbit, controller.most_turn)
         self._say_news("drift", alarm.on, alarm.text)
-        self._say_news("circle", id(controller.orbit), f"next circle, {_circle(controller.orbit)}")
+        self._say_news("circle", id(controller.circle), f"next circle, {_circle(controller.circle)}")
         if command is not None and command.flies:
             self.why = command.why
             if self._flies:
