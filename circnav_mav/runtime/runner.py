@@ -69,6 +69,7 @@ def run(
         if frames:
             links[VEHICLE].send(b"".join(frames), pilot.session.reply_to)
             step.attached = frames
+        step.exchanged = onlookers.take_exchanged(now)
         recorder.step(step)
         recorder.ticks(records)
 
