@@ -18,7 +18,7 @@ class LoopStep:
     heard: (link, source, whole frames) of each datagram. said: frames to the vehicle. hello: frames to the ranging
     link. attached: frames that onlookers sent to the vehicle. requests: for another circle, from outside of the pilot.
     interrupt: why the flight was ended from outside in this step. held_back: True if what there was to send was not
-    sent.
+    sent. exchanged: frames between onlookers and others than the vehicle, such as the members of a fleet.
     """
 
     time: float
@@ -29,6 +29,7 @@ class LoopStep:
     requests: list[CircleRequest] = field(default_factory=list)
     interrupt: str = ""
     held_back: bool = False
+    exchanged: list[bytes] = field(default_factory=list)
 
     @property
     def frames_heard(self) -> list[bytes]:

@@ -95,6 +95,7 @@ class Loop:
         if frames:
             links[VEHICLE].send(b"".join(frames), pilot.session.reply_to)
             step.attached = frames
+        step.exchanged = onlookers.take_exchanged(self.now)
         self._recorder.step(step)
         self._recorder.ticks(records)
 

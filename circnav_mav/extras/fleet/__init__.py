@@ -1,0 +1,1 @@
+"""A fleet on one circle: its law, its carrier and its commands."""
