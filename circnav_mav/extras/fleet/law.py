@@ -10,7 +10,7 @@ good, such as airspeeds: two vehicles with 2 % between them stay even only on ci
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import exp, log, pi, sqrt
 
 from circnav_mav.extras.fleet.phase import LAP, wrapped
@@ -72,7 +72,8 @@ def gaps(phases: Iterable[float]) -> list[float]:
 @dataclass(frozen=True, slots=True)
 class SpacingSettings:
     """Facts of one member. radius, speed: of the circle, m and m/s. by_speed: True to modulate the speed (copters).
-    trims_speed: True if the vehicle follows speed commands, so that the integral moves the speed."""
+    trims_speed: True if the vehicle follows speed commands, so that the integral moves the speed. inward, outward:
+    room that the mission leaves beside the circle, m."""
 
     member: int
     radius: float
@@ -80,16 +81,24 @@ class SpacingSettings:
     sense: int
     by_speed: bool = False
     trims_speed: bool = False
+    inward: float = MAX_RADIUS_CHANGE
+    outward: float = LANE
+
+    def limited(self, room: tuple[float, float]) -> "SpacingSettings":
+        """Return the settings with so much room inward and outward, m."""
+        return replace(self, inward=room[0], outward=room[1])
 
     @property
     def most(self) -> float:
-        """Largest relative change of the angular rate."""
-        return MAX_SPEED_SHARE if self.by_speed else min(MAX_RADIUS_CHANGE / self.radius, MAX_RADIUS_SHARE)
+        """Largest relative change of the angular rate. The same to both sides: a sum of zero stays zero."""
+        if self.by_speed:
+            return MAX_SPEED_SHARE
+        return min(min(MAX_RADIUS_CHANGE, self.inward, self.outward) / self.radius, MAX_RADIUS_SHARE)
 
     @property
     def lane(self) -> float:
         """Distance of the outer lane from the circle, m."""
-        return min(LANE, LANE_SHARE * self.radius)
+        return min(LANE, LANE_SHARE * self.radius, self.outward)
 
 
 @dataclass(frozen=True, slots=True)
