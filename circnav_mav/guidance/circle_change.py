@@ -23,8 +23,8 @@ SPEED_SHARE = 0.2
 
 class CircleRequest(NamedTuple):
     """A request for another circle; None keeps a value. radius: m. speed: m/s. by: who asks, for people and the log.
-    offset (m, outward), pace (factor of the speed): spacing of a fleet. Small and frequent, it changes what is flown and
-    leaves the circle of the mission as it is."""
+    offset (m, outward), pace (factor of the speed): spacing of a fleet. Small and frequent, it changes what is flown
+    and leaves the circle of the mission as it is."""
 
     radius: float | None = None
     direction: Direction | None = None

@@ -25,6 +25,7 @@ from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runtime.lockstep import Lockstep
 from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.runner import Loop
+from circnav_mav.runtime.status import AlarmLog
 
 START_APART_DEG = 12.0
 """Angle between the starts of two members as seen from the target: they come from one airfield."""
@@ -152,6 +153,7 @@ class Member:
         assert mission.file.sim is not None
         self.mission, self.pilot, self.onlookers, self.carrier = mission, pilot, onlookers, carrier
         self.recorder = recorder
+        self.alarms: AlarmLog | None = None
         self.vehicle = Vehicle(parse_vehicle(mission.file.sim, "sim"))
         self.clock = Lockstep(self.vehicle)
         links = self.clock.links(ranging_apart=pilot.settings.ranging_apart)

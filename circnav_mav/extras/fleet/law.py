@@ -24,8 +24,8 @@ INTEGRAL = 0.2
 """Rate of the integral, in units of the angular rate times GAIN squared: below 0.25 the loop does not overshoot."""
 MAX_TRIM = 0.08
 """Largest value of the integral."""
-TRIM_WITHIN = 0.4
-"""Error, rad, up to which the integral runs: a larger one is on the way to its slot."""
+TRIM_WITHIN = 0.15
+"""Error, rad, up to which the integral runs: a larger one is on the way to its slot, and would be overshot."""
 FORGET, FORGET_ALONE = 300.0, 30.0
 """Time constants, s, with which the integral decays: so that a part common to all does not stay, and when alone."""
 SMOOTHING = 2.0
