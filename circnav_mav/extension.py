@@ -21,6 +21,7 @@ class Extension:
     commands: click commands, by the names that are typed.
     tables: pydantic models of mission tables, by the names of the tables.
     checks: functions from a mission to the check lines of the extra's tables.
+    preflight: functions from a mission to the check lines of preflight, which may listen for some seconds.
     fly_options, emulate_options: click options that `circnav fly` and `circnav emulate` get.
     flies, emulates: functions that carry these commands out where an option of that name is given. They get all options
         and return the exit code.
@@ -34,6 +35,7 @@ class Extension:
     commands: Mapping[str, str] = field(default_factory=dict)
     tables: Mapping[str, str] = field(default_factory=dict)
     checks: Sequence[str] = ()
+    preflight: Sequence[str] = ()
     fly_options: Sequence[str] = ()
     emulate_options: Sequence[str] = ()
     flies: Mapping[str, str] = field(default_factory=dict)

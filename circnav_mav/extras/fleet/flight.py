@@ -245,4 +245,3 @@ def bare_fleet(
             yield Member(mission, carrier, NoRecord(), Onlookers([onlooker]), pilot)
 
     return FleetFlight(members(), network)
-

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from itertools import chain, count
+from math import degrees
 from pathlib import Path
 from typing import Any
 
@@ -108,11 +109,11 @@ def _start(member: Member, epoch_us: int) -> None:
 def _show_progress(flight: FleetFlight) -> None:
     tracks = flight.tracks
     if tracks.time[-1] % LINE_EVERY < 1e-6:
-        words = "  ".join(
-            f"{member.fleet.spacing.settings.member}: {member.fleet.facts(tracks.time[-1]).get('fleet', '').split(',')[0]}"
-            for member in flight.members
-        )
-        say(f"{tracks.time[-1]:7.0f} s  {words}")
+        words = "  ".join(f"{state.name.lower().replace('_', ' '):9s}" for state in tracks.state[-1])
+        errors = [m.fleet.adjusted.error for m in flight.members if m.fleet.adjusted is not None]
+        known = [abs(error) for error in errors if error is not None]
+        worst = f"farthest from its slot {degrees(max(known)):.0f} deg" if known else ""
+        say(f"{tracks.time[-1]:7.0f} s  {words}  {worst}")
 
 
 def _close(member: Member, epoch_us: int) -> Exit:

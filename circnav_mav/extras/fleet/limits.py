@@ -40,10 +40,13 @@ def spacing_settings(mission: Mission, member: int) -> SpacingSettings:
 
 def _room(orbit: Orbit, limits: CircleLimits) -> tuple[float, float]:
     """Return how far inward and outward of the circle the mission may fly, m."""
-    return tuple(  # type: ignore[return-value]
-        max((d for d in range(0, 26) if not obstacle(CircleRequest(offset=sign * float(d)), orbit, limits)), default=0.0)
-        for sign in (-1, 1)
-    )
+
+    def flyable(offset: float) -> bool:
+        return not obstacle(CircleRequest(offset=offset), orbit, limits)
+
+    inward = max((float(room) for room in range(MAX_ROOM + 1) if flyable(-room)), default=0.0)
+    outward = max((float(room) for room in range(MAX_ROOM + 1) if flyable(room)), default=0.0)
+    return inward, outward
 
 
 def fleet_limits(mission: Mission, table: FleetTable) -> Iterator[Check]:

@@ -30,7 +30,7 @@ class FleetFigures:
     from then until all gaps were within 5 deg, for 20 s. worst_gap_deg: rms of the worst gap error after that.
     radius_rms_m: of all members after that, about the circle of the mission. radius_spread_m: about the mean radius of
     each. smallest_horizontal_m, smallest_vertical_m, smallest_distance_m: between any two. too_near: number of pairs
-    that were within 10 m vertically and 25 m horizontally. lost_s: time that members were off the circle after that.
+    that were within 10 m vertically and 25 m horizontally.
     """
 
     members: int
@@ -46,9 +46,7 @@ class FleetFigures:
 
     def plain(self) -> dict[str, Any]:
         """Return the figures for fleet.json."""
-        return {
-            name: round(value, 2) if isinstance(value, float) else value for name, value in asdict(self).items()
-        }
+        return {name: round(value, 2) if isinstance(value, float) else value for name, value in asdict(self).items()}
 
 
 def true_phases(tracks: Tracks) -> Array:
@@ -94,7 +92,9 @@ def figures(tracks: Tracks) -> FleetFigures:
         members=states.shape[1],
         all_on_circle_s=None if first is None else tracks.time[first],
         even_after_s=None if even is None or first is None else tracks.time[even] - tracks.time[first],
-        worst_gap_deg=float(np.degrees(np.sqrt(np.mean(errors[late] ** 2)))) if len(late) else None,
+        worst_gap_deg=float(np.degrees(np.sqrt(np.mean(errors[late] ** 2))))
+        if len(late) and states.shape[1] > 1
+        else None,
         radius_rms_m=float(np.sqrt(np.mean((radius[late] - tracks.radius) ** 2))) if len(late) else None,
         radius_spread_m=float(np.sqrt(np.mean(np.var(radius[late], axis=0)))) if len(late) else None,
         smallest_horizontal_m=horizontal,

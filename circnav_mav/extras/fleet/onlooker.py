@@ -46,6 +46,19 @@ UNKNOWN_VARIANCE = 1e4
 COLUMNS = "time,state,phase_deg,phase_sigma_deg,error_deg,offset_m,pace,present,counted"
 
 
+def layer_lines(heights: Mapping[int, float], layer: float) -> list[str]:
+    """Return a line for each pair of members that are in one height layer. heights: above the target, m, by id. layer:
+    distance of the layers, m."""
+    known = sorted((member, height) for member, height in heights.items() if isfinite(height))
+    return [
+        f"fleet: members {one} and {other} are {abs(a - b):.0f} m apart in height, layers are {layer:g} m apart:"
+        " change the height of one"
+        for i, (one, a) in enumerate(known)
+        for other, b in known[i + 1 :]
+        if abs(a - b) < LAYER_SHARE * layer
+    ]
+
+
 class FleetOnlooker(Onlooker):
     """A member of a fleet."""
 
@@ -61,6 +74,7 @@ class FleetOnlooker(Onlooker):
         self.state = State.SEARCH
         self.adjusted: Adjustment | None = None
         self._pilot, self._table, self._lockstep = pilot, table, lockstep
+        self._flies = mission.file.vehicle.kind != "rover"
         self._sense, self._speed = mission.orbit.direction.turn_sign, mission.orbit.speed
         self._duration = mission.file.limits.duration_s
         self._epoch = 0.0
@@ -133,16 +147,13 @@ class FleetOnlooker(Onlooker):
         return found + self.layer_alarms(now)
 
     def layer_alarms(self, now: float) -> list[str]:
-        """Return a line for each other member in the own height layer."""
-        height, least = self._pilot.tracker.height.at(now), LAYER_SHARE * self._table.layer_m
-        if height is None or not self._pilot.mission.steering:
-            return []
-        return [
-            f"fleet: member {member} is {abs(report.height - height):.0f} m above or below, layers are"
-            f" {self._table.layer_m:g} m apart: change the height of one"
-            for member, report in sorted(self.spacing.present(self._epoch + now).items())
-            if isfinite(report.height) and abs(report.height - height) < least
-        ]
+        """Return a line for each pair of members in one height layer: their alarm is everybody's."""
+        present = self.spacing.present(self._epoch + now)
+        heights = {member: report.height for member, report in present.items()}
+        height = self._pilot.tracker.height.at(now)
+        if height is not None:
+            heights[self.spacing.settings.member] = height
+        return layer_lines(heights, self._table.layer_m) if self._pilot.mission.steering and self._flies else []
 
     def report(self, now: float) -> MemberReport:
         """Return the own report."""
@@ -243,6 +254,18 @@ class FleetOnlooker(Onlooker):
         )
 
 
+def mission_carrier(mission: Mission, table: FleetTable) -> FrameCarrier:
+    """Open the carrier that a mission names, signed with the key of the mission. Raises Refused."""
+    assert table.id is not None
+    signing = mission.file.signing
+    try:
+        key = None if signing is None else read_key(Path(signing.key_file))
+        link = FleetLink(MULTICAST, table.port, table.interface, table.peers)
+        return open_carrier(link, table.group, table.id, key)
+    except (LinkError, KeyFileError) as error:
+        raise Refused(f"fleet: {error}") from None
+
+
 def join_fleet(given: OnlookerSettings) -> FleetOnlooker:
     """Return the member beside the pilot. In simulated time only `circnav fly --fleet` brings a carrier: a real network
     is slower than the simulation. Raises Refused."""
@@ -250,11 +273,5 @@ def join_fleet(given: OnlookerSettings) -> FleetOnlooker:
     assert table.id is not None
     carrier: FrameCarrier | None = given.options.get("fleet_carrier")
     if carrier is None and not mission.flies_sim:
-        signing = mission.file.signing
-        try:
-            key = None if signing is None else read_key(Path(signing.key_file))
-            link = FleetLink(MULTICAST, table.port, table.interface, tuple(table.peers))
-            carrier = open_carrier(link, table.group, table.id, key)
-        except (LinkError, KeyFileError) as error:
-            raise Refused(f"fleet: {error}") from None
+        carrier = mission_carrier(mission, table)
     return FleetOnlooker(mission, given.pilot, table, carrier, lockstep=mission.flies_sim)

@@ -78,9 +78,7 @@ def intersected(one: Drift, other: Drift) -> Drift:
     inverse_a, inverse_b = np.linalg.inv(a), np.linalg.inv(b)
     fused = [(w, np.linalg.inv(w * inverse_a + (1 - w) * inverse_b)) for w in np.linspace(0.0, 1.0, 11)]
     weight, covariance = min(fused, key=lambda choice: float(np.linalg.det(choice[1])))
-    mean = covariance @ (
-        weight * inverse_a @ np.array(one.mean) + (1 - weight) * inverse_b @ np.array(other.mean)
-    )
+    mean = covariance @ (weight * inverse_a @ np.array(one.mean) + (1 - weight) * inverse_b @ np.array(other.mean))
     return Drift(
         (float(mean[0]), float(mean[1])),
         (float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])),

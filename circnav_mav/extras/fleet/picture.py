@@ -58,7 +58,7 @@ def _frame(axes: Axes, tracks: Tracks, index: int) -> None:
         tail = np.array([-0.95, 0.95]) * extent
         tip = tail + 0.35 * extent * drift / tracks.speed / max(np.hypot(*drift) / tracks.speed, 0.3)
         axes.annotate("", tip, tail, arrowprops={"arrowstyle": "->", "color": "0.4"})
-        axes.text(*(tail + [0, -0.2 * extent]), f"drift {np.hypot(*drift):.0f} m/s", fontsize=8, color="0.4")
+        axes.text(tail[0], tail[1] - 0.45 * extent, f"drift {np.hypot(*drift):.0f} m/s", fontsize=8, color="0.4")
     axes.set(xlim=(-extent, extent), ylim=(-extent, extent), aspect="equal", title=f"{tracks.time[index]:.0f} s")
     axes.set_xticks([-tracks.radius, 0, tracks.radius], [f"{-tracks.radius:g}", "0", f"{tracks.radius:g} m"])
     axes.set_yticks([-tracks.radius, 0, tracks.radius], ["", "", ""])

@@ -47,6 +47,15 @@ def check_fleet(mission: Mission) -> Iterator[Check]:
         yield Check(WARN, "fleet", "[fleet] without an id is without effect: give fleet.id, 1 to 255")
 
 
+def preflight_fleet(mission: Mission) -> Iterator[Check]:
+    """Listen to the other members, where the mission has a fleet."""
+    table = table_of(mission)
+    if table.id is not None and not mission.flies_sim:
+        from circnav_mav.extras.fleet.listening import listen_to_fleet
+
+        yield from listen_to_fleet(mission, table)
+
+
 def open_onlooker(given: OnlookerSettings) -> "FleetOnlooker | None":
     """Return the member beside the pilot, None for a vehicle that flies alone. Raises Refused."""
     if table_of(given.mission).id is None:

@@ -99,10 +99,14 @@ def table(flights: Sequence[dict[str, Any]]) -> str:
         known = [one[key] for one in rows if one.get(key) is not None]
         if not known:
             return "-"
-        return f"{median(known):.1f} ({max(known):.1f})" + ("" if len(known) == len(rows) else f" {len(known)}/{len(rows)}")
+        return f"{median(known):.1f} ({max(known):.1f})" + (
+            "" if len(known) == len(rows) else f" {len(known)}/{len(rows)}"
+        )
 
     keys = ("even_after_s", "even_again_s", "worst_gap_deg", "radius_rms_m", "radius_spread_m", "smallest_horizontal_m")
-    lines = ["| row | flights | even, s | again, s | worst gap, deg | radius rms, m | spread, m | beside, m | too near |"]
+    lines = [
+        "| row | flights | even, s | again, s | worst gap, deg | radius rms, m | spread, m | beside, m | too near |"
+    ]
     lines.append("|---|---|---|---|---|---|---|---|---|")
     for name in ROWS:
         rows = [one for one in flights if one["row"] == name]
