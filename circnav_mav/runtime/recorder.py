@@ -37,7 +37,8 @@ TICK_COLUMNS = TickRecord._fields
 TURN_COLUMNS = ("time_us", "heard", "said", "hello", "interrupt", "attached", "requests", "exchanged")
 """heard: link initial, number of the source and count of whole frames of each datagram, as in `v0*2 r1*1`. said, hello:
 frames of ours; HELD_BACK: what there was to say was not sent; attached: frames of onlookers; requests: for another
-circle, as JSON; exchanged: frames between onlookers and others than the vehicle. The tlog holds the frames of a step in this order."""
+circle, as JSON; exchanged: frames between onlookers and others than the vehicle. The tlog holds the frames of a step in
+this order."""
 
 
 class RecorderError(Exception):

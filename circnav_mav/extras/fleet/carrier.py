@@ -6,6 +6,7 @@ an alarm and is tried again. The clock is the stamp of the own report, and the `
 
 import socket
 import struct
+import sys
 from collections.abc import Hashable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from ipaddress import ip_address
 from math import inf
 from typing import Any, Protocol
 
-from circnav_mav.extras.fleet.acceptance import MOST_MEMBERS, Acceptance, Rejected, Rejection, check_numbers
+from circnav_mav.extras.fleet.acceptance import MOST_MEMBERS, Acceptance, RejectedError, Rejection, check_numbers
 from circnav_mav.extras.fleet.frames import COMPONENT, LONGEST_FRAME, to_message
 from circnav_mav.extras.fleet.report import MemberReport
 from circnav_mav.mav.codec import Encoder
@@ -42,6 +43,8 @@ MOST_FRAMES = 4096
 """Frames that wait to be recorded."""
 LINK_ID = 1
 """Link id of our signatures on the fleet link: the vehicle's link has 0."""
+_IP_MULTICAST_ALL = 49
+"""Option of Linux that Python does not name."""
 
 Datagram = tuple[bytes, Hashable]
 
@@ -99,9 +102,11 @@ class FrameCarrier:
             return
         try:
             if (report.group, report.member) != self._ids:
-                raise Rejected(Rejection.OUT_OF_BOUNDS, f"ids {report.group}, {report.member} are not the own ones")
+                raise RejectedError(
+                    Rejection.OUT_OF_BOUNDS, f"ids {report.group}, {report.member} are not the own ones"
+                )
             check_numbers(report)
-        except Rejected as wrong:
+        except RejectedError as wrong:
             self._note(f"the own report is not sent: {wrong}", now)
             return
         self._sent_at = now
@@ -209,7 +214,7 @@ class UdpPort:
                 break
             except OSError as error:  # a peer that has no socket on its port refuses, by ICMP
                 self._problem = self._explain(error)
-        if datagrams:
+        if datagrams or self._heard_at == -inf:
             self._heard_at = now
         elif not self._peers and abs(now - self._heard_at) > SILENCE:
             self._heard_at = now
@@ -261,6 +266,9 @@ class UdpPort:
         opened.bind((link.address, link.port))
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, HOPS)
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
+        # Linux would also pass on what comes in by another interface that another program has joined the group on.
+        if sys.platform == "linux":
+            opened.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
         if link.interface:
             opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, membership)

@@ -1,6 +1,5 @@
 """The carrier over real sockets on the loopback interface, the format of its frames, and their place in a recording."""
 
-import shutil
 import socket
 import struct
 from dataclasses import replace
@@ -14,6 +13,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.extras.fleet.acceptance import BOUNDS, Rejection, check_numbers
 from circnav_mav.extras.fleet.carrier import (
     MOST_DATAGRAMS,
+    MULTICAST,
     FleetLink,
     FrameCarrier,
     LocalNetwork,
@@ -23,9 +23,12 @@ from circnav_mav.extras.fleet.frames import from_message, to_message
 from circnav_mav.extras.fleet.recording import recorded_reports
 from circnav_mav.extras.fleet.report import State
 from circnav_mav.mav.codec import Encoder
+from circnav_mav.mission.load import load_mission
+from circnav_mav.pilot import Pilot
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runlog.loop_steps import recorded_steps, tlog_steps
 from circnav_mav.runlog.replay import replay, without_timeouts
+from circnav_mav.runlog.tlog import read_tlog
 from circnav_mav.runtime.endpoint import LinkError
 from circnav_mav.runtime.recorder import Recorder
 from tests.extras.fleet.reports import GROUP, KEY, NOON, frame, report
@@ -86,7 +89,9 @@ def test_every_field_survives_the_frame_with_the_precision_that_the_law_needs(
     assert (back.group, back.member, back.state, back.sense) == (GROUP, 7, state, sense)
     assert back.stamp == pytest.approx(stamp, abs=1e-6)
     assert 0 <= back.phase < tau and abs((back.phase - phase + pi) % tau - pi) < 1e-6
-    for was, now in zip(numbers, (back.phase_sigma, back.lap_period, back.radius, back.height, *back.drift), strict=True):
+    for was, now in zip(
+        numbers, (back.phase_sigma, back.lap_period, back.radius, back.height, *back.drift), strict=True
+    ):
         assert now == pytest.approx(was, rel=1e-7, abs=1e-30)
     assert back.drift_covariance == pytest.approx(one.drift_covariance, rel=1e-7, abs=1e-30)
     check_numbers(back)
@@ -129,19 +134,26 @@ def test_datagrams_leave_this_network_by_no_router():
     member.close()
 
 
-def test_reports_leave_at_5_hz_at_most_and_only_if_they_are_finite_and_within_bounds():
+@pytest.mark.parametrize("start", [0.0, NOON])
+def test_reports_leave_at_5_hz_at_most_and_signed_ones_are_accepted_in_simulated_time_too(start):
     network = LocalNetwork()
-    sender, receiver = (FrameCarrier(network.port(one), GROUP, one) for one in (1, 2))
+    sender, receiver = (FrameCarrier(network.port(one), GROUP, one, KEY) for one in (1, 2))
     stamps = []
     for step in range(200):  # a loop at 20 Hz, 10 s
-        sender.send(report(1, NOON + 0.05 * step))
-        stamps += [one.stamp for one in receiver.received(NOON + 0.05 * step)]
-    assert len(stamps) == 50
+        sender.send(report(1, start + 0.05 * step))
+        stamps += [one.stamp for one in receiver.received(start + 0.05 * step)]
+    assert stamps == pytest.approx([start + 0.2 * n for n in range(50)]) and not receiver.acceptance.rejected
+
+
+def test_only_finite_reports_of_the_member_itself_within_bounds_leave():
+    network = LocalNetwork()
+    sender, receiver = (FrameCarrier(network.port(one), GROUP, one) for one in (1, 2))
     for wrong in ({"phase": nan}, {"radius": 1e9}, {"drift": (nan, 0.0)}, {"group": 9}, {"member": 4}):
         sender.send(replace(report(1, NOON + 20), **wrong))
         assert receiver.received(NOON + 20) == [] and "own report is not sent" in sender.alarms(NOON + 20)[0]
     sender.send(report(1, NOON - 3600))
-    assert sender.sent == 51, "a clock that was set back does not stop the reports"
+    sender.send(report(1, NOON - 7200))
+    assert sender.sent == 2, "a clock that was set back does not stop the reports"
 
 
 @pytest.mark.parametrize("interface", ["absent0", "10.99.99.99"])
@@ -152,7 +164,7 @@ def test_a_missing_network_is_one_alarm_and_is_tried_again(interface, monkeypatc
     for step in range(20):
         member.send(report(1, NOON + 0.2 * step))
         assert member.received(NOON + 0.2 * step) == []
-    alarm, = member.alarms(NOON + 4)
+    (alarm,) = member.alarms(NOON + 4)
     assert interface in alarm and member.sent == 0
     member._port._link = FleetLink(port=port, interface=LOOPBACK)  # the interface appears
     other = open_carrier(FleetLink(port=port, interface=LOOPBACK), GROUP, 2)
@@ -180,6 +192,24 @@ def test_a_socket_that_fails_in_flight_is_opened_again_and_never_raises():
         member.close()
 
 
+def test_a_membership_that_was_lost_without_an_error_is_found_by_silence():
+    """As of a radio that was unplugged and came back: the socket still sends, and receives nothing."""
+    port = free_port()
+    members = [open_carrier(FleetLink(port=port, interface=LOOPBACK), GROUP, one) for one in (1, 2)]
+    membership = socket.inet_aton(MULTICAST) + socket.inet_aton(LOOPBACK)
+    members[0]._port._socket.setsockopt(socket.IPPROTO_IP, socket.IP_DROP_MEMBERSHIP, membership)
+    accepted = []
+    for step in range(50):
+        now = NOON + 0.2 * step
+        for ident, member in enumerate(members, 1):
+            member.send(report(ident, now))
+        accepted += [step for _ in members[0].received(now)]
+        members[1].received(now)
+    assert 25 <= accepted[0] <= 30 and accepted[-1] == 49
+    for member in members:
+        member.close()
+
+
 def test_a_flood_costs_a_bounded_step_and_the_next_report_is_received():
     """The loopback interface carries 1000 datagrams of noise to every member; the socket keeps what it has room for."""
     port = free_port()
@@ -187,7 +217,7 @@ def test_a_flood_costs_a_bounded_step_and_the_next_report_is_received():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as attacker:
         attacker.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(LOOPBACK))
         for n in range(1000):
-            attacker.sendto(struct.pack(">I", n) * 20, (FleetLink.address, port))
+            attacker.sendto(struct.pack(">I", n) * 20, (MULTICAST, port))
     steps = 0
     while (before := members[0].acceptance.rejected[Rejection.MALFORMED]) >= 0:
         members[0].received(NOON)
@@ -226,11 +256,12 @@ def test_reports_are_in_the_tlog_without_signatures_and_are_read_back(tmp_path):
     members = [FrameCarrier(network.port(one), GROUP, one, KEY) for one in (1, 2)]
     recorder = Recorder(tmp_path / "run", "")
     recorder.start(round(NOON * 1e6), at_once=True)
-    of_vehicle, steps = [Encoder(1, 1).encode(mavlink.MAVLink_attitude_message(n, 0, 0, 0, 0, 0, 0)) for n in range(9)], []
-    for n, heard in enumerate(of_vehicle):
+    steps = []
+    for n in range(9):
+        heard = Encoder(1, 1).encode(mavlink.MAVLink_attitude_message(n, 0, 0, 0, 0, 0, 0))
         for ident, member in enumerate(members, 1):
             member.send(report(ident, NOON + n))
-            member.received(NOON + n)
+        assert members[0].received(NOON + n)
         steps.append(LoopStep(float(n), [("vehicle", "v0", [heard])], exchanged=members[0].take_frames()))
         recorder.step(steps[-1])
     recorder.close()
@@ -239,27 +270,23 @@ def test_reports_are_in_the_tlog_without_signatures_and_are_read_back(tmp_path):
     assert [one.frames_heard for one in back] == [one.frames_heard for one in steps]
     assert [one.exchanged for one in back] == [one.exchanged for one in steps] and len(back) == 9
     read = list(recorded_reports(recorder.folder / "flight.tlog"))
-    assert sorted((one.member, one.stamp) for _, one in read) == [(m, NOON + n) for m in (1, 2) for n in range(9 - (m > 1))]
+    assert [(at, one.member, one.stamp) for at, one in read] == [
+        (NOON + n, m, NOON + n) for n in range(9) for m in (1, 2)
+    ]
 
 
 def test_a_replay_of_a_plain_tlog_is_the_same_with_and_without_the_reports_in_it(flown, tmp_path):
-    """Also where a report has the ids of the vehicle's system: nothing of it steers, identifies or keeps alive."""
-    from tests.flight.lockstep import recorded_flight  # noqa: F401  (the flight of the fixture)
-
-    from circnav_mav.mission.load import load_mission
-    from circnav_mav.pilot import Pilot
-    from circnav_mav.runlog.tlog import read_tlog
-
+    """Even under the ids of the vehicle and of its radio: no report steers, identifies a vehicle or counts as a sign of
+    life."""
     plain, mixed = flown / "flight.tlog", tmp_path / "mixed.tlog"
     with mixed.open("wb") as out:
         for n, (stamp, one) in enumerate(read_tlog(plain)):
             out.write(struct.pack(">Q", stamp) + one)
-            if n % 10 == 0:
-                for ident in (1, 2, 255):
-                    out.write(struct.pack(">Q", stamp) + frame(report(ident, NOON + stamp / 1e6 % 100)))
-    done = []
-    for log in (plain, mixed):
-        settings = without_timeouts(load_mission(flown / "mission.toml").pilot)
-        done.append(replay(Pilot(settings), tlog_steps(log, 192), ticking=True))
-    assert done[0].setpoints and done[0].setpoints == done[1].setpoints
-    shutil.rmtree(tmp_path)
+            if one[6] == 191 or n % 10:  # a stamp at which nothing was received is no step of a plain tlog
+                continue
+            for ids in ((1, 1), (1, 192), (1, 191), (7, 191), (255, 190)):
+                out.write(struct.pack(">Q", stamp) + Encoder(*ids).encode(to_message(report(ids[0], stamp / 1e6))))
+    settings = without_timeouts(load_mission(flown / "mission.toml").pilot_settings())
+    done = [replay(Pilot(settings), tlog_steps(log, 191), ticking=True) for log in (plain, mixed)]
+    assert done[1].frames > done[0].frames and done[0].setpoints
+    assert done[0].sent == done[1].sent and done[0].ticks == done[1].ticks

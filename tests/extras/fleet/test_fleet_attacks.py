@@ -123,8 +123,8 @@ R = Rejection
 @dataclass(frozen=True)
 class Row:
     """An attack, the reason and alarm that follow. key: that of the fleet. address: of the attacker. ghosts: members
-    that the attacker gets accepted, because only a key could stop it. share: part of the honest reports that is received.
-    beside: reasons that follow as well."""
+    that the attacker gets accepted, because only a key could stop it. hosts: the peers of the victim. share: part of
+    the honest reports that is received. beside: reasons that follow as well."""
 
     name: str
     attack: Attack
@@ -169,7 +169,14 @@ ROWS = [
     Row("a stamp ahead", says(9, late=1.2), R.CLOCKS_DISAGREE, "id 9 is 1.2 s ahead"),
     Row("a stamp behind", says(9, late=-30.0), R.CLOCKS_DISAGREE, "id 9 is 30.0 s behind"),
     Row("a signature of next year", says(9, ahead=3e7), R.CLOCKS_DISAGREE, "id 9 is 30000000 s ahead", WITH_KEY),
-    Row("a jump of another's phase, its address forged", says(2, phase=0.1, late=0.07), R.PHASE_JUMP, "id 2", None, HONEST),
+    Row(
+        "a jump of another's phase, its address forged",
+        says(2, phase=0.1, late=0.07),
+        R.PHASE_JUMP,
+        "id 2",
+        None,
+        HONEST,
+    ),
     Row("a phase that jumps to and fro", wandering, R.PHASE_JUMP, "by 1", WITH_KEY, ghosts=1),
     Row("20 reports a second", hasty, R.TOO_OFTEN, "id 9", WITH_KEY, ghosts=1),
     Row("a new member at every step", ghosts, R.TABLE_FULL, "32 members", ghosts=MOST_MEMBERS - 1),
