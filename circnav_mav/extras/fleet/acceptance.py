@@ -294,7 +294,7 @@ class Acceptance:
             )
 
     def _check_member(self, report: MemberReport, address: Hashable, now: float) -> None:
-        """Raise RejectedError if a report contradicts what is known of its member."""
+        """Raise RejectedError if a report contradicts earlier ones of its member."""
         self._forget(now)
         known = self.members.get(report.member)
         if known is None:

@@ -66,7 +66,7 @@ class Port(Protocol):
     hosts: frozenset[str] | None
 
     def send(self, frame: bytes, now: float) -> str | None:
-        """Send a frame to every other member. Return what is wrong, None if nothing is."""
+        """Send a frame to every other member. Return the problem, None if there is none."""
 
     def receive(self, most: int, now: float) -> list[Datagram]:
         """Return at most this number of datagrams that have arrived."""
@@ -82,8 +82,8 @@ class FrameCarrier:
         self, port: Port, group: int, member: int, key: bytes | None = None, *, most_members: int = MOST_MEMBERS
     ) -> None:
         """group, member: own ids. key: 32 bytes of the fleet's key, None for unsigned frames."""
-        # The vehicle's link has a `Signing` of its own. A member whose clock is wrong must not move the timestamp with
-        # which commands to the autopilot are signed.
+        # The vehicle's link has a `Signing` of its own. A member whose clock is wrong must not move the timestamp
+        # that signs commands to the autopilot.
         signing = None if key is None else Signing(key, link_id=LINK_ID)
         self.acceptance = Acceptance(group, member, signing, key, hosts=port.hosts, most_members=most_members)
         self.sent = 0
@@ -138,7 +138,7 @@ class FrameCarrier:
         return frames
 
     def alarms(self, now: float) -> list[str]:
-        """Return what is wrong with the link, a line each."""
+        """Return the problems of the link, a line each."""
         problem = [f"fleet link: {self._problem}"] if abs(now - self._problem_at) <= PROBLEM_LASTS else []
         return problem + self.acceptance.alarms(now)
 
@@ -187,7 +187,7 @@ class UdpPort:
             self._problem = self._explain(error)
 
     def send(self, frame: bytes, now: float) -> str | None:
-        """Send a frame to the group, or to every peer. Return what is wrong, None if nothing is."""
+        """Send a frame to the group, or to every peer. Return the problem, None if there is none."""
         opened = self._opened(now)
         if opened is None:
             return self._problem

@@ -10,9 +10,11 @@ from dataclasses import dataclass, field, replace
 from math import inf, nan, pi
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.extras.fleet.acceptance import MOST_MEMBERS, Rejection
+from circnav_mav.extras.fleet.acceptance import MOST_MEMBERS, Rejection, check_numbers
 from circnav_mav.extras.fleet.carrier import MOST_DATAGRAMS, FrameCarrier
 from circnav_mav.extras.fleet.frames import COMPONENT, to_message
 from circnav_mav.extras.fleet.report import MemberReport, State
@@ -231,6 +233,25 @@ def test_the_honest_member_is_received_no_false_report_is_and_the_operator_is_al
     assert any(row.alarm in one for one in alarms) if row.alarm else not alarms
     assert victim.alarms(now + 10) == [], "alarms end with the attack"
     assert len(victim.acceptance.members) <= MOST_MEMBERS and len(victim.take_frames()) == len(received) + 50
+
+
+@given(
+    system=st.integers(0, 255),
+    stamp=st.one_of(st.integers(0, 2**64 - 1), st.just(round(NOON * 1e6))),
+    name=st.one_of(st.binary(min_size=10, max_size=10), st.just(b"circfleet1")),
+    group=st.one_of(st.integers(0, 2**16 - 1), st.just(GROUP)),
+    numbers=st.lists(st.floats(width=32), min_size=12, max_size=12),
+    cut=st.integers(0, 100),
+)
+def test_no_content_of_a_whole_or_cut_frame_raises_and_only_bounded_numbers_are_accepted(
+    system, stamp, name, group, numbers, cut
+):
+    victim = FrameCarrier(port := _Port(None), GROUP, 1)
+    message = mavlink.MAVLink_debug_float_array_message(stamp, name, group, [*numbers, *[0.0] * 46])
+    port.queue = [(Encoder(system, COMPONENT).encode(message)[: cut if cut < 80 else None], STRANGER)]
+    for one in victim.received(NOON):
+        check_numbers(one)
+    assert victim.acceptance.accepted + sum(victim.acceptance.rejected.values()) == 1
 
 
 def test_an_estimate_that_has_found_the_other_side_is_accepted_again_after_two_seconds():
