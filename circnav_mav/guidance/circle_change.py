@@ -33,9 +33,14 @@ class CircleRequest(NamedTuple):
     offset: float | None = None
     pace: float | None = None
 
+    @property
+    def spaces(self) -> bool:
+        """True if nothing but spacing is requested."""
+        return self.radius is None and self.direction is None and self.speed is None
+
     def circle(self, orbit: Orbit) -> Orbit:
         """Return the circle that is asked for; the very same where none is."""
-        if self.radius is None and self.direction is None and self.speed is None:
+        if self.spaces:
             return orbit
         return replace(
             orbit,

@@ -1,8 +1,10 @@
 """From an estimate to the bytes' meaning: law, turn-rate gain, choke point, the vehicle's message."""
 
+from dataclasses import replace
 from math import ceil, isfinite
 
 from circnav_mav.guidance.circle_change import MIN_INTERVAL, NEAR, SPEED_SHARE, CircleRequest, LapCounter, obstacle
+from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.lean_limit import LeanLimit
 from circnav_mav.guidance.step import Flies, Steering, compensate_turn_gain, holding
 from circnav_mav.guidance.turn_response import Response, TurnAnswer
@@ -26,6 +28,8 @@ DEAF_AFTER = 1.0
 DOUBTED_AFTER = 0.7
 """Time of not turning as commanded, s, after which its path is not counted: a turn that swings through zero is
 commanded and flown at different moments for as long."""
+RELATIVE = ("auto", "drift")
+"""Estimators of the relative motion."""
 DRIFT = Flies.DRIFT.name.lower()
 LONGEST_DELAY = 2.0
 """Most delay of the link, s, that the gains are made for."""
@@ -45,17 +49,15 @@ class Controller:
         """The circle that is flown now: with the spacing of a fleet."""
         self._spacing = 0.0, 1.0
         """Offset, m, and factor of the speed."""
+        self._tuning = settings.tuning
         self._steer = Steering(orbit, settings.law)
         self._later, self._laps = list(settings.later_radii), LapCounter()
-        self._changed_at = float("-inf")
+        self._changed_at = self._spaced_at = float("-inf")
         self._guard = SetpointGuard(
             Limits(
                 max_yaw_rate=orbit.max_turn_rate,
                 max_speed=orbit.speed * (1 if settings.circle_limits.keeps_speed else 1 + SPEED_SHARE),
-                max_yaw_acceleration=settings.max_yaw_acceleration,
                 max_bank=facts.max_bank,
-                max_pitch=facts.loops.max_pitch,
-                max_climb=facts.max_climb,
                 max_stick=ceil(facts.stick(facts.max_bank)),
             )
         )
@@ -72,6 +74,11 @@ class Controller:
         self._trim = 0.0
         self._steered: tuple[float, float] | None = None
         """Time, s, and range, m, of the last steered step."""
+
+    @property
+    def law(self) -> str:
+        """Name of the law that was chosen."""
+        return self._tuning.law
 
     @property
     def turn_gain(self) -> float:
@@ -147,22 +154,40 @@ class Controller:
 
     def change_circle(self, request: CircleRequest, now: float) -> str:
         """Fly another circle from now on. Return why it cannot be flown, empty if it is."""
-        if now - self._changed_at < MIN_INTERVAL - SAME_TIME:
-            return f"{now - self._changed_at:.2f} s after the last change, wait {MIN_INTERVAL:g} s"
+        # Spacing and other changes have clocks of their own: a fleet never makes the operator wait.
+        changed_at = self._spaced_at if request.spaces else self._changed_at
+        if now - changed_at < MIN_INTERVAL - SAME_TIME:
+            return f"{now - changed_at:.2f} s after the last change, wait {MIN_INTERVAL:g} s"
         offset, pace = self._spacing
         offset = offset if request.offset is None else request.offset
         pace = pace if request.pace is None else request.pace
-        request = request._replace(offset=offset, pace=pace)
+        spaces, request = request.spaces, request._replace(offset=offset, pace=pace)
         wanted, circle = request.applied(self.circle), request.circle(self.circle)
         if why := obstacle(request, self.circle, self._settings.circle_limits):
             return why
         try:
-            self._steer.change(wanted, self._settings.tuning.choice(wanted))
+            self._steer.change(wanted, self._tuning.choice(wanted))
         except ValueError as error:
             return str(error)
         if abs(circle.radius / self.circle.radius - 1) > NEAR or circle.direction is not self.circle.direction:
             self._trim = 0.0  # it was learned on the circle before
-        self.circle, self.orbit, self._spacing, self._changed_at = circle, wanted, (offset, pace), now
+        self.circle, self.orbit, self._spacing = circle, wanted, (offset, pace)
+        if spaces:
+            self._spaced_at = now
+        else:
+            self._changed_at = now
+        return ""
+
+    def change_law(self, name: str) -> str:
+        """Fly another law from now on, with its default gain. Return why it cannot be flown, empty if it is."""
+        if LAWS[name].flies_relative_motion and self._settings.estimator not in RELATIVE:
+            return f"law {name} needs estimator auto, the mission has {self._settings.estimator}"
+        tuning = replace(self._settings.tuning, law=name, gain=None)
+        try:
+            self._steer.change(self.orbit, tuning.choice(self.orbit))
+        except ValueError as error:
+            return str(error)
+        self._tuning = tuning
         return ""
 
     def setpoint(self, command: TurnCommand, session: Session, now: float) -> tuple[Message, YawRate]:
@@ -183,8 +208,7 @@ class Controller:
         return self._guard.check_message(session.adapter.safe_setpoint(state, now), session.adapter.shapes)
 
     def disengage(self) -> None:
-        """The vehicle is not ours any more: the next setpoint starts a new stream at a new height."""
-        self._guard.reset()
+        """End the stream: the next setpoint starts a new one, at a new height."""
         self._answer.reset()
         self._height, self._steered = None, None
 

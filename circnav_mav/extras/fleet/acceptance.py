@@ -39,8 +39,8 @@ ALARM_COUNT, ALARM_TIME = 3, 5.0
 MOST_COPIES = 512
 """Newest authentic and own frames by which copies are recognized: 0.4 s of 255 members at 5 Hz."""
 _HASH = 6
-_CORRELATION = 1 + 1e-5
-"""Greatest squared correlation of the drift: fields are rounded to 32 bits."""
+_ROUNDING = 1e-6
+"""Part by which a number may be beyond its bound, because fields are rounded to 32 bits."""
 
 MAX_DRIFT, MAX_VARIANCE = 100.0, 1e4
 BOUNDS: dict[str, tuple[float, float]] = {
@@ -103,7 +103,7 @@ _REFUSALS = {
 }
 
 
-class Rejected(Exception):
+class RejectedError(Exception):
     """A datagram that is not accepted: its reason, and the values that prove it."""
 
     def __init__(self, reason: Rejection, detail: str) -> None:
@@ -112,17 +112,17 @@ class Rejected(Exception):
 
 
 def check_numbers(report: MemberReport) -> None:
-    """Raise Rejected if a number of a report is not finite or out of bounds."""
+    """Raise RejectedError if a number of a report is not finite or out of bounds."""
     east, north, ee, en, nn = *report.drift, *report.drift_covariance
     height = 0.0 if isnan(report.height) else report.height
     values = (report.phase, report.phase_sigma, report.lap_period, report.radius, height, east, north, ee, en, nn)
     for (name, (least, greatest)), value in zip(BOUNDS.items(), values, strict=True):
         if not isfinite(value):
-            raise Rejected(Rejection.NOT_FINITE, f"{name} {value}")
-        if not least <= value <= greatest:
-            raise Rejected(Rejection.OUT_OF_BOUNDS, f"{name} {value:g}, not {least:g} to {greatest:g}")
-    if en**2 > ee * nn * _CORRELATION:
-        raise Rejected(Rejection.OUT_OF_BOUNDS, f"drift covariance {en:g} with variances {ee:g} and {nn:g}")
+            raise RejectedError(Rejection.NOT_FINITE, f"{name} {value}")
+        if not least - _ROUNDING * abs(least) <= value <= greatest * (1 + _ROUNDING):
+            raise RejectedError(Rejection.OUT_OF_BOUNDS, f"{name} {value:g}, not {least:g} to {greatest:g}")
+    if en**2 > ee * nn * (1 + _ROUNDING):
+        raise RejectedError(Rejection.OUT_OF_BOUNDS, f"drift covariance {en:g} with variances {ee:g} and {nn:g}")
 
 
 def extrapolated(report: MemberReport, stamp: float) -> float:
@@ -197,7 +197,7 @@ class Acceptance:
         """Return the report in a datagram, None if it is not accepted. now: Unix time, s."""
         try:
             return self._take(data, address, now)
-        except Rejected as rejected:
+        except RejectedError as rejected:
             self.note(rejected.reason, f"{rejected}, from {spelt(address)}", now)
             return None
 
@@ -223,7 +223,7 @@ class Acceptance:
         self._check_address(address)
         frame = frame_at(data, 0) if data else None
         if len(data) > LONGEST_FRAME or frame is None or frame.end != len(data) or not is_good(data, frame):
-            raise Rejected(Rejection.MALFORMED, f"{len(data)} bytes")
+            raise RejectedError(Rejection.MALFORMED, f"{len(data)} bytes")
         # Copies come by multicast loopback, by a mesh, and by a second route. The first one has been decided on, and
         # a signature would refuse the second one as repeated.
         if data in self._seen:
@@ -233,11 +233,11 @@ class Acceptance:
         report = self._authentic_report(data, now)
         self._remember(data, now)
         if report.group != self._group:
-            raise Rejected(Rejection.OTHER_GROUP, f"group {report.group}, not {self._group}")
+            raise RejectedError(Rejection.OTHER_GROUP, f"group {report.group}, not {self._group}")
         check_numbers(report)
         self._check_time(report, now)
         if report.member == self._member:
-            raise Rejected(Rejection.SAME_ID, f"the own id {self._member}")
+            raise RejectedError(Rejection.SAME_ID, f"the own id {self._member}")
         self._check_member(report, address, now)
         self.members[report.member] = Member(report, address, now)
         self.accepted += 1
@@ -246,12 +246,12 @@ class Acceptance:
     def _check_copy(self, data: bytes, now: float) -> None:
         age = now - self._seen[data]
         if age > CLOCK_TOLERANCE:
-            raise Rejected(Rejection.REPLAYED, f"id {data[5]}, copy of a frame of {age:.1f} s ago")
+            raise RejectedError(Rejection.REPLAYED, f"id {data[5]}, copy of a frame of {age:.1f} s ago")
 
     def _check_address(self, address: Hashable) -> None:
         host = address[0] if isinstance(address, tuple) else address
         if self._hosts is not None and host not in self._hosts:
-            raise Rejected(Rejection.OTHER_ADDRESS, "not a peer")
+            raise RejectedError(Rejection.OTHER_ADDRESS, "not a peer")
 
     def _authentic_report(self, data: bytes, now: float) -> MemberReport:
         """Return the report in a whole frame after its signature was checked."""
@@ -259,19 +259,19 @@ class Acceptance:
         refused = Counter(self._decoder.counts.refused)
         messages = self._decoder.decode(data)
         for value in self._decoder.counts.refused - refused:
-            raise Rejected(_REFUSALS[Refusal(value)], f"id {data[5]}")
+            raise RejectedError(_REFUSALS[Refusal(value)], f"id {data[5]}")
         if not messages or not is_report(messages[0]) or messages[0].get_srcComponent() != COMPONENT:
-            raise Rejected(Rejection.OTHER_MESSAGE, f"system {data[5]}")
+            raise RejectedError(Rejection.OTHER_MESSAGE, f"system {data[5]}")
         try:
             report = from_message(messages[0])
         except ValueError as error:
-            raise Rejected(Rejection.OUT_OF_BOUNDS, str(error)) from None
+            raise RejectedError(Rejection.OUT_OF_BOUNDS, str(error)) from None
         if not report.member:
-            raise Rejected(Rejection.OUT_OF_BOUNDS, "id 0, not 1 to 255")
+            raise RejectedError(Rejection.OUT_OF_BOUNDS, "id 0, not 1 to 255")
         return report
 
     def _check_signing_time(self, data: bytes, now: float) -> None:
-        """Raise Rejected if the signature is of the future.
+        """Raise RejectedError if the signature is of the future.
 
         Signing follows the newest timestamp that it accepts, as its rules demand. One member with a wrong clock would
         take the timestamp of every member along, and a new one with a right clock would then be refused.
@@ -281,7 +281,7 @@ class Acceptance:
         self._signing.advance(now)
         ahead = int.from_bytes(data[1 - SIGNATURE : -_HASH], "little") - max(int((now - EPOCH) * SECOND), 0)
         if ahead > MINUTE and is_signed_with(self._key, data):
-            raise Rejected(Rejection.CLOCKS_DISAGREE, f"id {data[5]} is {ahead / SECOND:.0f} s ahead")
+            raise RejectedError(Rejection.CLOCKS_DISAGREE, f"id {data[5]} is {ahead / SECOND:.0f} s ahead")
 
     def _check_time(self, report: MemberReport, now: float) -> None:
         known = self.members.get(report.member)
@@ -289,15 +289,17 @@ class Acceptance:
         ahead = report.stamp - now
         if abs(ahead) > CLOCK_TOLERANCE:
             reason = Rejection.CLOCKS_DISAGREE if is_new else Rejection.REPLAYED
-            raise Rejected(reason, f"id {report.member} is {abs(ahead):.1f} s {'ahead' if ahead > 0 else 'behind'}")
+            raise RejectedError(
+                reason, f"id {report.member} is {abs(ahead):.1f} s {'ahead' if ahead > 0 else 'behind'}"
+            )
 
     def _check_member(self, report: MemberReport, address: Hashable, now: float) -> None:
-        """Raise Rejected if a report contradicts what is known of its member."""
+        """Raise RejectedError if a report contradicts earlier ones of its member."""
         self._forget(now)
         known = self.members.get(report.member)
         if known is None:
             if len(self.members) >= self._most_members:
-                raise Rejected(Rejection.TABLE_FULL, f"id {report.member} beside {len(self.members)} members")
+                raise RejectedError(Rejection.TABLE_FULL, f"id {report.member} beside {len(self.members)} members")
             return
         # A key proves the sender, and its frames are accepted from any address: else a relay that is quicker than the
         # sender could make the sender's own frames look foreign. Two addresses are an alarm all the same. Without a key
@@ -305,17 +307,17 @@ class Acceptance:
         if address != known.address and now - known.heard_at <= MOVES_AFTER:
             detail = f"id {report.member} at {spelt(known.address)} and at {spelt(address)}"
             if self._signing is None:
-                raise Rejected(Rejection.SAME_ID, detail)
+                raise RejectedError(Rejection.SAME_ID, detail)
             self.note(Rejection.SAME_ID, detail, now)
         newer_by = report.stamp - known.report.stamp
         if newer_by <= 0:
-            raise Rejected(Rejection.REPLAYED, f"id {report.member}, {-newer_by:.1f} s older than its newest")
+            raise RejectedError(Rejection.REPLAYED, f"id {report.member}, {-newer_by:.1f} s older than its newest")
         if newer_by < SHORTEST_INTERVAL:
-            raise Rejected(Rejection.TOO_OFTEN, f"id {report.member}, {newer_by:.3f} s after its last")
+            raise RejectedError(Rejection.TOO_OFTEN, f"id {report.member}, {newer_by:.3f} s after its last")
         self._check_phase(known, report, now)
 
     def _check_phase(self, known: Member, report: MemberReport, now: float) -> None:
-        """Raise Rejected if a phase contradicts its own extrapolation, unless the new one has lasted."""
+        """Raise RejectedError if a phase contradicts its own extrapolation, unless the new one has lasted."""
         error, tolerance = phase_error(known.report, report), phase_tolerance(known.report, report)
         if error <= tolerance:
             return
@@ -327,7 +329,7 @@ class Acceptance:
         known.jumped = (first, report)
         known.heard_at = now
         if report.stamp - first.stamp < CONFIRMED_AFTER:
-            raise Rejected(Rejection.PHASE_JUMP, f"id {report.member} by {error * 180 / pi:.0f} deg")
+            raise RejectedError(Rejection.PHASE_JUMP, f"id {report.member} by {error * 180 / pi:.0f} deg")
 
     def _forget(self, now: float) -> None:
         """Remove members that are silent, and those heard in the future of a clock that was set back."""

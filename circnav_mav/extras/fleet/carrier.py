@@ -6,6 +6,7 @@ an alarm and is tried again. The clock is the stamp of the own report, and the `
 
 import socket
 import struct
+import sys
 from collections.abc import Hashable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from ipaddress import ip_address
 from math import inf
 from typing import Any, Protocol
 
-from circnav_mav.extras.fleet.acceptance import MOST_MEMBERS, Acceptance, Rejected, Rejection, check_numbers
+from circnav_mav.extras.fleet.acceptance import MOST_MEMBERS, Acceptance, RejectedError, Rejection, check_numbers
 from circnav_mav.extras.fleet.frames import COMPONENT, LONGEST_FRAME, to_message
 from circnav_mav.extras.fleet.report import MemberReport
 from circnav_mav.mav.codec import Encoder
@@ -42,6 +43,8 @@ MOST_FRAMES = 4096
 """Frames that wait to be recorded."""
 LINK_ID = 1
 """Link id of our signatures on the fleet link: the vehicle's link has 0."""
+_IP_MULTICAST_ALL = 49
+"""Option of Linux that Python does not name."""
 
 Datagram = tuple[bytes, Hashable]
 
@@ -63,7 +66,7 @@ class Port(Protocol):
     hosts: frozenset[str] | None
 
     def send(self, frame: bytes, now: float) -> str | None:
-        """Send a frame to every other member. Return what is wrong, None if nothing is."""
+        """Send a frame to every other member. Return the problem, None if there is none."""
 
     def receive(self, most: int, now: float) -> list[Datagram]:
         """Return at most this number of datagrams that have arrived."""
@@ -79,8 +82,8 @@ class FrameCarrier:
         self, port: Port, group: int, member: int, key: bytes | None = None, *, most_members: int = MOST_MEMBERS
     ) -> None:
         """group, member: own ids. key: 32 bytes of the fleet's key, None for unsigned frames."""
-        # The vehicle's link has a `Signing` of its own. A member whose clock is wrong must not move the timestamp with
-        # which commands to the autopilot are signed.
+        # The vehicle's link has a `Signing` of its own. A member whose clock is wrong must not move the timestamp
+        # that signs commands to the autopilot.
         signing = None if key is None else Signing(key, link_id=LINK_ID)
         self.acceptance = Acceptance(group, member, signing, key, hosts=port.hosts, most_members=most_members)
         self.sent = 0
@@ -99,9 +102,11 @@ class FrameCarrier:
             return
         try:
             if (report.group, report.member) != self._ids:
-                raise Rejected(Rejection.OUT_OF_BOUNDS, f"ids {report.group}, {report.member} are not the own ones")
+                raise RejectedError(
+                    Rejection.OUT_OF_BOUNDS, f"ids {report.group}, {report.member} are not the own ones"
+                )
             check_numbers(report)
-        except Rejected as wrong:
+        except RejectedError as wrong:
             self._note(f"the own report is not sent: {wrong}", now)
             return
         self._sent_at = now
@@ -133,7 +138,7 @@ class FrameCarrier:
         return frames
 
     def alarms(self, now: float) -> list[str]:
-        """Return what is wrong with the link, a line each."""
+        """Return the problems of the link, a line each."""
         problem = [f"fleet link: {self._problem}"] if abs(now - self._problem_at) <= PROBLEM_LASTS else []
         return problem + self.acceptance.alarms(now)
 
@@ -182,7 +187,7 @@ class UdpPort:
             self._problem = self._explain(error)
 
     def send(self, frame: bytes, now: float) -> str | None:
-        """Send a frame to the group, or to every peer. Return what is wrong, None if nothing is."""
+        """Send a frame to the group, or to every peer. Return the problem, None if there is none."""
         opened = self._opened(now)
         if opened is None:
             return self._problem
@@ -209,7 +214,7 @@ class UdpPort:
                 break
             except OSError as error:  # a peer that has no socket on its port refuses, by ICMP
                 self._problem = self._explain(error)
-        if datagrams:
+        if datagrams or self._heard_at == -inf:
             self._heard_at = now
         elif not self._peers and abs(now - self._heard_at) > SILENCE:
             self._heard_at = now
@@ -261,6 +266,9 @@ class UdpPort:
         opened.bind((link.address, link.port))
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, HOPS)
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
+        # Linux would also pass on what comes in by another interface that another program has joined the group on.
+        if sys.platform == "linux":
+            opened.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
         if link.interface:
             opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, membership)

@@ -8,13 +8,15 @@ from circnav_mav.mav.autopilots.parameters import at_least, lean_limit, rule, ve
 from circnav_mav.mav.autopilots.px4 import OFFBOARD_RULES, PX4Vehicle
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import body_from_level
-from circnav_mav.mav.setpoint_guard import Steer
+from circnav_mav.mav.setpoint_guard import MAX_CLIMB, Steer
 
 _yaw_rate_limit = at_least(
     lambda mission: mission.max_turn_rate_deg,
     "the mission's limit of {:g} deg/s is within it",
     "the vehicle turns slower than the mission's limit of {:g} deg/s: lower it",
 )
+CLIMB_GAIN = 0.5
+"""Climb rate, m/s, per m of missing height, as flown on PX4's simulated copter."""
 
 
 class PX4Copter(PX4Vehicle):
@@ -52,7 +54,7 @@ class PX4Copter(PX4Vehicle):
 
     def _down(self, to: Addressee) -> float:
         """Descent rate that returns to the height to hold, m/s; 0 when one of the two heights is not known."""
-        altitude, facts = to.motion.altitude, self._facts
+        altitude = to.motion.altitude
         if altitude is None or to.height is None:
             return 0.0
-        return min(max(facts.climb_gain * (altitude - to.height), -facts.max_climb), facts.max_climb)
+        return min(max(CLIMB_GAIN * (altitude - to.height), -MAX_CLIMB), MAX_CLIMB)

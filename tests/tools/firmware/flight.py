@@ -84,6 +84,7 @@ class Flight:
     outliers: float = _option(0.0, "share of ranges that are off")
     outlier_size: float = _option(30.0, "by up to, m")
     loss: float = _option(0.0, "share of ranges that are lost")
+    second_anchor: float = _option(0.0, "m east of the target: a second DISTANCE_SENSOR id of the same radio")
     delay: float = _option(0.0, "s from measuring to sending; the stamp is that of sending")
     # how it is run
     speedup: float = _option(1.0, "simulated over real time; only 1 gives figures that count")
