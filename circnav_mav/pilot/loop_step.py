@@ -40,8 +40,7 @@ class LoopStep:
 def requests_text(requests: list[CircleRequest]) -> str:
     """Return requests as a cell of turns.csv, empty for none."""
     plain = [
-        [one.radius, one.direction and one.direction.value, one.speed, one.by, one.offset, one.pace]
-        for one in requests
+        [one.radius, one.direction and one.direction.value, one.speed, one.by, one.offset, one.pace] for one in requests
     ]
     return json.dumps(plain) if plain else ""
 

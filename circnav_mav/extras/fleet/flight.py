@@ -106,7 +106,9 @@ def member_overrides(path: str | Path, member: int, overrides: Sequence[str] = (
 class Record(Protocol):
     """Recorder of one member."""
 
-    problem: str | None
+    @property
+    def problem(self) -> str | None:
+        """What is wrong with the recording."""
 
     def step(self, step: LoopStep) -> None:
         """Record a step."""
@@ -118,7 +120,7 @@ class Record(Protocol):
 class NoRecord:
     """Recorder that keeps nothing."""
 
-    problem = None
+    problem: str | None = None
 
     def step(self, step: LoopStep) -> None:
         """Forget it."""

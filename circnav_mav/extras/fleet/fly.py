@@ -36,8 +36,8 @@ def fly_fleet(
     **options: Any,
 ) -> int:  # fmt: skip
     """Fly, print the table of the fleet, and return the exit code. Raises Refused."""
-    for name, given in (("--endpoint", endpoint), ("--speed", speed)):
-        if given is not None:
+    for name, value in (("--endpoint", endpoint), ("--speed", speed)):
+        if value is not None:
             raise Refused(f"{name}: --fleet flies the bundled vehicle as fast as possible, leave it out")
     if dry_run or shadow:
         raise Refused("--dry-run, --shadow: --fleet flies the bundled vehicles, leave it out")
@@ -139,9 +139,7 @@ def _keep(
             "outcome": member.pilot.mission.outcome.reason if member.pilot.mission.outcome else "",
             "exit": int(code),
             "link": member.carrier.summary(),
-            "alarms": [{"time_s": round(time, 1), "text": text} for time, text in member.alarms.begun]
-            if member.alarms
-            else [],
+            "alarms": member.alarms.begun if member.alarms else [],
         }
         for member, code in zip(flight.members, codes, strict=True)
     ]

@@ -130,6 +130,8 @@ class Spacing:
         self.settings = settings
         self.known: dict[int, MemberReport] = {}
         """Newest report of every other member."""
+        self.sense = settings.sense
+        """Sense of rotation now: the operator may reverse it."""
         self.trim = 0.0
         self._error: float | None = None
         self._before: float | None = None
@@ -151,7 +153,7 @@ class Spacing:
         ring = {
             member: report
             for member, report in self.present(now).items()
-            if report.state is State.ON_CIRCLE and report.sense == self.settings.sense
+            if report.state is State.ON_CIRCLE and report.sense == self.sense
         }
         sure = {m: r for m, r in ring.items() if r.phase_sigma <= pi / (len(ring) + 1)}
         return {

@@ -20,7 +20,7 @@ REFUSED = (Rejection.SAME_ID, Rejection.CLOCKS_DISAGREE, Rejection.WRONG_KEY, Re
 
 def listen_to_fleet(mission: Mission, table: FleetTable) -> Iterator[Check]:
     """Yield what is found: members, ids and clocks, and height layers. Raises Refused."""
-    carrier = mission_carrier(mission, table)
+    carrier = mission_carrier(table)
     newest: dict[int, MemberReport] = {}
     until = steady() + LISTEN
     try:

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circnav_mav.extras.fleet.flight import SAMPLE_EVERY, Tracks
-from circnav_mav.extras.fleet.law import LAP
-from circnav_mav.extras.fleet.phase import PhaseMap
+from circnav_mav.extras.fleet.phase import LAP, PhaseMap
 from circnav_mav.extras.fleet.report import State
 
 EVEN = np.radians(5.0)
@@ -53,7 +52,8 @@ def true_phases(tracks: Tracks) -> Array:
     """Return the true temporal phase of every member at every sample, rad."""
     east, north = np.array(tracks.east), np.array(tracks.north)
     angle = np.arctan2(tracks.sense * north, east) % LAP
-    phases, phase_map, mapped = np.empty_like(angle), None, (inf, inf)
+    phases: Array = np.empty_like(angle)
+    phase_map, mapped = None, (inf, inf)
     for i, drift in enumerate(tracks.drift):
         if phase_map is None or np.hypot(drift[0] - mapped[0], drift[1] - mapped[1]) > MAX_DRIFT_CHANGE:
             phase_map, mapped = PhaseMap.of(tracks.speed, drift, tracks.sense), drift

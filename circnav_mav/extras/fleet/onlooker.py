@@ -12,15 +12,16 @@ from typing import Any
 
 from circnav_mav.cli.exits import Refused
 from circnav_mav.extras.fleet.carrier import MULTICAST, FleetLink, FrameCarrier, open_carrier
-from circnav_mav.extras.fleet.law import LAP, Adjustment, Own, Spacing
+from circnav_mav.extras.fleet.law import Adjustment, Own, Spacing
 from circnav_mav.extras.fleet.limits import spacing_settings
-from circnav_mav.extras.fleet.phase import Drift, PhaseMap, circle_angle, intersected
+from circnav_mav.extras.fleet.phase import LAP, Drift, PhaseMap, circle_angle, intersected
 from circnav_mav.extras.fleet.report import MemberReport, State
 from circnav_mav.extras.fleet.settings import FleetTable, table_of
 from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.guidance.types import RelativeMotion
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Pilot, TickRecord
+from circnav_mav.pilot.conditions import Condition
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runtime.endpoint import LinkError
@@ -59,6 +60,10 @@ def layer_lines(heights: Mapping[int, float], layer: float) -> list[str]:
     ]
 
 
+FLEET_LINK = Condition("fleet_link", long="{problems}")
+FLEET_LAYER = Condition("fleet_layer", long="{lines}")
+
+
 class FleetOnlooker(Onlooker):
     """A member of a fleet."""
 
@@ -75,7 +80,7 @@ class FleetOnlooker(Onlooker):
         self.adjusted: Adjustment | None = None
         self._pilot, self._table, self._lockstep = pilot, table, lockstep
         self._flies = mission.file.vehicle.kind != "rover"
-        self._sense, self._speed = mission.orbit.direction.turn_sign, mission.orbit.speed
+        self._speed = mission.orbit.speed
         self._duration = mission.file.limits.duration_s
         self._epoch = 0.0
         self._drift: tuple[float, float] | None = None
@@ -107,6 +112,8 @@ class FleetOnlooker(Onlooker):
         if now - self._stepped_at < STEP - 1e-6:
             return ()
         dt, self._stepped_at = min(now - self._stepped_at, 1.0), now
+        if self.spacing.sense != self._sense:
+            self.spacing.sense, self._map = self._sense, None
         self._find_phase(now, dt)
         self.adjusted = self.spacing.step(self._epoch + now, self._own)
         self.state = self.adjusted.state
@@ -142,9 +149,13 @@ class FleetOnlooker(Onlooker):
             words += f": {degrees(adjusted.error):+.0f} deg behind the slot, {adjusted.offset:+.1f} m"
         return {"fleet": words}
 
-    def alarms(self, now: float) -> Sequence[str]:
-        found = list(self.carrier.alarms(self._epoch + now)) if self.carrier is not None else []
-        return found + self.layer_alarms(now)
+    def alarms(self, now: float) -> Mapping[str, str]:
+        found: dict[str, str] = {}
+        if self.carrier is not None and (problems := self.carrier.alarms(self._epoch + now)):
+            found |= FLEET_LINK.alarm(problems="; ".join(problems))
+        if lines := self.layer_alarms(now):
+            found |= FLEET_LAYER.alarm(lines="; ".join(lines))
+        return found
 
     def layer_alarms(self, now: float) -> list[str]:
         """Return a line for each pair of members in one height layer: their alarm is everybody's."""
@@ -223,6 +234,11 @@ class FleetOnlooker(Onlooker):
                         drift = intersected(drift, Drift(report.drift, report.drift_covariance))
             self._map, self._map_at = PhaseMap.of(self._airspeed, drift.mean, self._sense), now
 
+    @property
+    def _sense(self) -> int:
+        """Sense of rotation of the circle that is flown now."""
+        return self._pilot.controller.circle.direction.turn_sign
+
     def _own_drift(self) -> Drift:
         if self._drift is None:
             return Drift((0.0, 0.0), (UNKNOWN_VARIANCE, 0.0, UNKNOWN_VARIANCE))
@@ -254,12 +270,11 @@ class FleetOnlooker(Onlooker):
         )
 
 
-def mission_carrier(mission: Mission, table: FleetTable) -> FrameCarrier:
-    """Open the carrier that a mission names, signed with the key of the mission. Raises Refused."""
+def mission_carrier(table: FleetTable) -> FrameCarrier:
+    """Open the carrier that a mission names, signed with the key of the fleet. Raises Refused."""
     assert table.id is not None
-    signing = mission.file.signing
     try:
-        key = None if signing is None else read_key(Path(signing.key_file))
+        key = None if table.key_file is None else read_key(Path(table.key_file))
         link = FleetLink(MULTICAST, table.port, table.interface, table.peers)
         return open_carrier(link, table.group, table.id, key)
     except (LinkError, KeyFileError) as error:
@@ -273,5 +288,5 @@ def join_fleet(given: OnlookerSettings) -> FleetOnlooker:
     assert table.id is not None
     carrier: FrameCarrier | None = given.options.get("fleet_carrier")
     if carrier is None and not mission.flies_sim:
-        carrier = mission_carrier(mission, table)
+        carrier = mission_carrier(table)
     return FleetOnlooker(mission, given.pilot, table, carrier, lockstep=mission.flies_sim)

@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from circnav_mav.extras.fleet.flight import SAMPLE_EVERY, Tracks
-from circnav_mav.extras.fleet.law import LAP
 from circnav_mav.extras.fleet.metrics import gap_errors, true_phases
+from circnav_mav.extras.fleet.phase import LAP
 from circnav_mav.extras.fleet.report import State
 
 FRAMES = 6
@@ -57,7 +57,7 @@ def _frame(axes: Axes, tracks: Tracks, index: int) -> None:
     if np.hypot(*drift) > 0.3:
         tail = np.array([-0.95, 0.95]) * extent
         tip = tail + 0.35 * extent * drift / tracks.speed / max(np.hypot(*drift) / tracks.speed, 0.3)
-        axes.annotate("", tip, tail, arrowprops={"arrowstyle": "->", "color": "0.4"})
+        axes.annotate("", (tip[0], tip[1]), (tail[0], tail[1]), arrowprops={"arrowstyle": "->", "color": "0.4"})
         axes.text(tail[0], tail[1] - 0.45 * extent, f"drift {np.hypot(*drift):.0f} m/s", fontsize=8, color="0.4")
     axes.set(xlim=(-extent, extent), ylim=(-extent, extent), aspect="equal", title=f"{tracks.time[index]:.0f} s")
     axes.set_xticks([-tracks.radius, 0, tracks.radius], [f"{-tracks.radius:g}", "0", f"{tracks.radius:g} m"])

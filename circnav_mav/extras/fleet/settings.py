@@ -28,6 +28,7 @@ class FleetTable(Table):
     size: Annotated[int, Field(ge=2, le=100)] = 6
     peers: Annotated[tuple[str, ...], Field(max_length=100, strict=False)] = ()
     interface: str = ""
+    key_file: Annotated[str, Field(min_length=1)] | None = None
     port: Annotated[int, Field(ge=1, le=65535)] = PORT
 
 

@@ -92,8 +92,7 @@ def test_two_in_one_layer_are_an_alarm_for_all():
     )
     flight.fly(25.0)
     for member in flight.members:
-        alarms = member.onlookers.alarms(25.0)
-        assert any("members 1 and 2 are 1 m apart in height" in line for line in alarms)
+        assert "members 1 and 2 are 1 m apart in height" in member.onlookers.alarms(25.0)["fleet_layer"]
 
 
 def test_six_planes_from_one_place_are_even_in_time():

@@ -108,7 +108,7 @@ def test_members_from_one_place_are_even_within_the_time_that_physics_allow(n, s
     assert rms(errors[-400:]) < 2.0
 
 
-def test_a_third_of_the_speed_as_wind_and_1_Hz_with_30_percent_loss_change_little():
+def test_a_third_of_the_speed_as_wind_and_few_reports_with_30_percent_loss_change_little():
     errors = Fleet(World(drift=(5.0, 0.0), loss=0.3, report_every=1.0)).fly(180).gap_errors()
     assert time_to_even(errors) < 120.0
     assert rms(errors[-400:]) < 3.5
