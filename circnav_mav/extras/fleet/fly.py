@@ -39,6 +39,8 @@ def fly_fleet(
     for name, value in (("--endpoint", endpoint), ("--speed", speed)):
         if value is not None:
             raise Refused(f"{name}: --fleet flies the bundled vehicle as fast as possible, leave it out")
+    if options.get("web") is not None:
+        raise Refused("--web: shows one vehicle, leave it out with --fleet")
     if dry_run or shadow:
         raise Refused("--dry-run, --shadow: --fleet flies the bundled vehicles, leave it out")
     outlive_terminal()
