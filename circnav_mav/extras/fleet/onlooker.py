@@ -275,7 +275,7 @@ def mission_carrier(table: FleetTable) -> FrameCarrier:
     assert table.id is not None
     try:
         key = None if table.key_file is None else read_key(Path(table.key_file))
-        link = FleetLink(MULTICAST, table.port, table.interface, table.peers)
+        link = FleetLink(MULTICAST, table.port, table.interface, tuple(table.peers or ()))
         return open_carrier(link, table.group, table.id, key)
     except (LinkError, KeyFileError) as error:
         raise Refused(f"fleet: {error}") from None

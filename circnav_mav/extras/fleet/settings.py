@@ -26,7 +26,7 @@ class FleetTable(Table):
     group: Annotated[int, Field(ge=0, le=255)] = 0
     layer_m: Annotated[float, Field(ge=LEAST_LAYER, le=500)] = LEAST_LAYER
     size: Annotated[int, Field(ge=2, le=100)] = 6
-    peers: Annotated[tuple[str, ...], Field(max_length=100, strict=False)] = ()
+    peers: Annotated[list[str], Field(max_length=100)] | None = None
     interface: str = ""
     key_file: Annotated[str, Field(min_length=1)] | None = None
     port: Annotated[int, Field(ge=1, le=65535)] = PORT
