@@ -132,7 +132,7 @@ class FleetOnlooker(Onlooker):
         steering = self._pilot.mission.phase is Phase.ENGAGED
         if adjusted is None or not steering or now - self._requested_at < REQUEST_EVERY:
             return ()
-        offset, pace = round(adjusted.offset, 2), round(adjusted.speed, 4)
+        offset, pace = round(adjusted.offset, 2) + 0.0, round(adjusted.speed, 4)
         before = self._requested
         if abs(offset - before[0]) < LEAST_OFFSET and abs(pace - before[1]) < LEAST_PACE:
             return ()
