@@ -22,10 +22,10 @@ def draw_fleet(tracks: Tracks, path: Path) -> None:
     """Write the picture. Raises OSError."""
     figure = Figure(figsize=(12.0, 10.5), layout="constrained")
     grid = figure.add_gridspec(3, 3, height_ratios=(1.0, 1.0, 0.9))
-    steered = np.flatnonzero(np.array(tracks.flying).any(axis=1))
-    first, last = (steered[0], steered[-1]) if len(steered) else (0, len(tracks.time) - 1)
+    on = np.flatnonzero([State.ON_CIRCLE in states for states in tracks.state])
+    first, last = (on[0], on[-1]) if len(on) else (0, len(tracks.time) - 1)
     # Most happens while they even out: the frames are closer together there.
-    share = np.array([0.06, 0.12, 0.2, 0.32, 0.48, 0.85])
+    share = np.array([0.0, 0.08, 0.2, 0.34, 0.52, 0.95])
     for place, index in enumerate((first + share * (last - first)).astype(int)):
         _frame(figure.add_subplot(grid[place // 3, place % 3]), tracks, int(index))
     _phases(figure.add_subplot(grid[2, :2]), tracks)

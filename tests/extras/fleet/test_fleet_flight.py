@@ -97,7 +97,7 @@ def test_two_in_one_layer_are_an_alarm_for_all():
 def test_six_planes_from_one_place_are_even_in_time():
     overrides = (
         *("vehicle.speed_mps=15", "sim.vehicle.cruise_speed_mps=15.0", "sim.start.speed_mps=15.0"),
-        *("orbit.radius_m=100", "limits.duration_s=160", "sim.start.north_m=150", "sim.start.east_m=-80"),
+        *("orbit.radius_m=100", "limits.duration_s=150", "sim.start.north_m=150", "sim.start.east_m=-80"),
     )
     found = figures(bare_fleet(PLANE, 6, overrides, loss=0.3).fly().tracks)
     assert found.even_after_s < 110.0
