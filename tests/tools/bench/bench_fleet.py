@@ -4,7 +4,7 @@
 
 The members have the product's noisy sensors and estimate the drift. Compass biases have 2 deg standard deviation, the
 planes' airspeeds 2 %. A flight takes about 12 s of processor time for each member and 200 s. `--keep FILE` adds every
-flight to a file of JSON lines and does not repeat those that it holds.
+flight to a file of JSON lines and skips those that it holds.
 """
 
 import argparse
@@ -43,7 +43,7 @@ class Row:
     loss: float = 0.0
     delay: float = 0.0
     event: str = ""
-    duration: float = 220.0
+    duration: float = 170.0
 
 
 ROWS = {
@@ -54,7 +54,7 @@ ROWS = {
     "plane-10": Row("arduplane", 10, PLANE),
     "plane-6-wind": Row("arduplane", 6, (*PLANE, *WIND), loss=0.3),
     "plane-6-late": Row("arduplane", 6, (*PLANE, *WIND), loss=0.7, delay=0.4),
-    "plane-6-leave": Row("arduplane", 6, PLANE, event="leave", duration=260.0),
+    "plane-6-leave": Row("arduplane", 6, PLANE, event="leave", duration=240.0),
     "plane-6-join": Row("arduplane", 6, PLANE, event="join", duration=300.0),
     "copter-1": Row("arducopter", 1, COPTER, duration=150.0),
     "copter-4": Row("arducopter", 4, COPTER),
