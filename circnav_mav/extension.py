@@ -22,7 +22,10 @@ class Extension:
         extension, if that is installed.
     tables: pydantic models of mission tables, by the names of the tables.
     checks: functions from a mission to the check lines of the extra's tables.
-    fly_options: click options that `circnav fly` gets.
+    preflight: functions from a mission to the check lines of preflight, which may listen for some seconds.
+    fly_options, emulate_options: click options that `circnav fly` and `circnav emulate` get.
+    flies, emulates: functions that carry these commands out where an option of that name is given. They get all options
+        and return the exit code.
     onlooker: function from an `OnlookerSettings` to an `Onlooker`, or to None if this flight does not need one.
     report_section: function from a run folder to HTML for its report, empty for nothing.
     schemas: pydantic models of other files, by the names that `circnav schema` takes.
@@ -33,7 +36,11 @@ class Extension:
     commands: Mapping[str, str] = field(default_factory=dict)
     tables: Mapping[str, str] = field(default_factory=dict)
     checks: Sequence[str] = ()
+    preflight: Sequence[str] = ()
     fly_options: Sequence[str] = ()
+    emulate_options: Sequence[str] = ()
+    flies: Mapping[str, str] = field(default_factory=dict)
+    emulates: Mapping[str, str] = field(default_factory=dict)
     onlooker: str | None = None
     report_section: str | None = None
     schemas: Mapping[str, str] = field(default_factory=dict)
@@ -56,6 +63,16 @@ def extensions() -> tuple[Extension, ...]:
 def load(reference: str) -> Any:
     """Return what a reference of an extension names."""
     return resolve_name(reference)
+
+
+def carried_out_by(seam: str, options: Mapping[str, Any]) -> Any:
+    """Return the function of an extension that carries a command out instead, None if none does. seam: "flies" or
+    "emulates". options: of the command, by name."""
+    for extension in extensions():
+        for name, reference in getattr(extension, seam).items():
+            if options.get(name) is not None:
+                return load(reference)
+    return None
 
 
 def table_models() -> dict[str, Any]:

@@ -91,12 +91,16 @@ def circnav() -> None:
 command = partial(described, group=circnav)
 
 
-def _options_of_extensions(function: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options that extensions add to `fly`."""
-    for extension in extensions():
-        for reference in extension.fly_options:
-            function = load(reference)(function)
-    return function
+def _options_of_extensions(name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator that gives a command the options that extensions add to it. name: fly_options, for one."""
+
+    def add(function: Callable[..., None]) -> Callable[..., None]:
+        for extension in extensions():
+            for reference in getattr(extension, name):
+                function = load(reference)(function)
+        return function
+
+    return add
 
 
 @command("circnav_mav.cli.fly:fly_mission", short_help="Fly a mission, show it live, record it.")
@@ -108,7 +112,7 @@ def _options_of_extensions(function: Callable[..., None]) -> Callable[..., None]
 @click.option("--out", type=Folder(), metavar="DIR", help="Run folder. [default: runs/<time>-<name>]")
 @click.option("--dry-run", is_flag=True, help="Compute and log everything, but send no setpoint and request no mode.")
 @click.option("--shadow", is_flag=True, help="Like --dry-run, and send nothing but our heartbeat and the plot values.")
-@_options_of_extensions
+@_options_of_extensions("fly_options")
 def fly() -> None:
     """Fly MISSION, show it live, and record it in a run folder.
 
@@ -210,6 +214,7 @@ def replay() -> None:
     params=emulator.params[1:],
 )
 @click.argument("vehicle", required=False, type=FileOrName("mission"), metavar="[VEHICLE]")
+@_options_of_extensions("emulate_options")
 def emulate() -> None:
     """Run the bundled simulated vehicle alone, in real time. Any ground station or client may connect; Ctrl-C ends it.
 

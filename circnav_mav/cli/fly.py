@@ -16,6 +16,7 @@ from circnav_mav.cli.connect import link_troubles, open_links, open_onlookers, o
 from circnav_mav.cli.drawing import Drawing
 from circnav_mav.cli.exits import Exit, Refused, in_one_line, outlive_terminal, refusing, say
 from circnav_mav.cli.verdict import verdict
+from circnav_mav.extension import carried_out_by
 from circnav_mav.foreign import read_text
 from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.mission import Mission
@@ -46,6 +47,13 @@ def fly_mission(
 ) -> int:  # fmt: skip
     """Fly, and return the exit code: the command line of `fly`. options: of extensions. Raises Refused before anything
     has flown."""
+    if (instead := carried_out_by("flies", options)) is not None:
+        return int(
+            instead(
+                path, endpoint=endpoint, overrides=overrides, speed=speed, duration=duration, out=out,
+                dry_run=dry_run, shadow=shadow, **options,
+            )
+        )  # fmt: skip
     outlive_terminal()
     stop = StopRequest()  # from here on a signal ends the flight, not the process
     output_mode = OutputMode.SHADOW if shadow else OutputMode.DRY_RUN if dry_run else OutputMode.FLY

@@ -5,6 +5,7 @@ from contextlib import ExitStack
 from circnav_mav.cli.check import read_mission, refuse_failing, show_checks, show_counts
 from circnav_mav.cli.connect import link_troubles, open_links, open_signing, start_clock
 from circnav_mav.cli.exits import Exit, Refused, say
+from circnav_mav.extension import extensions, load
 from circnav_mav.mav.check_result import Check, Grade
 from circnav_mav.mission.preflight import judge
 from circnav_mav.pilot.survey import Survey
@@ -30,7 +31,8 @@ def preflight_file(path: str, endpoint: str | None, overrides: tuple[str, ...], 
             raise Refused(f"stopped by {stop.signal_name}", Exit.INTERRUPTED)
         clock_speed = clock.speed if isinstance(clock, AutopilotClock) else 1.0
         troubles = [Check(Grade.WARN, "endpoint", words) for words in link_troubles(links, mission)]
-    lines = [*judge(mission, survey, clock_speed), *troubles]
+    added = [line for extension in extensions() for one in extension.preflight for line in load(one)(mission)]
+    lines = [*judge(mission, survey, clock_speed), *troubles, *added]
     show_checks(lines)
     failed = show_counts(path, lines)
     if not survey.session.up:

@@ -15,26 +15,44 @@ LONGEST_STEP = 0.2
 """Most time, s, that counts between two steps: what was turned in a gap is not known."""
 MIN_INTERVAL = 0.1
 """Least time, s, between two requests: twice the greatest rate at which a fleet spaces itself."""
+MAX_OFFSET_SHARE = 0.3
+"""Largest offset from the circle, in units of its radius: the spacing of a fleet, not another circle."""
 SPEED_SHARE = 0.2
 """Most change of the mission's speed, as a share of it: what the mission's checks said holds about as well there."""
 
 
 class CircleRequest(NamedTuple):
-    """A request for another circle; None keeps a value. radius: m. speed: m/s. by: who asks, for people and the log."""
+    """A request for another circle; None keeps a value. radius: m. speed: m/s. by: who asks, for people and the log.
+    offset (m, outward), pace (factor of the speed): spacing of a fleet. Small and frequent, it changes what is flown
+    and leaves the circle of the mission as it is."""
 
     radius: float | None = None
     direction: Direction | None = None
     speed: float | None = None
     by: str = ""
+    offset: float | None = None
+    pace: float | None = None
 
-    def applied(self, orbit: Orbit) -> Orbit:
-        """Return the orbit that is asked for."""
+    @property
+    def spaces(self) -> bool:
+        """True if nothing but spacing is requested."""
+        return self.radius is None and self.direction is None and self.speed is None
+
+    def circle(self, orbit: Orbit) -> Orbit:
+        """Return the circle that is asked for; the very same where none is."""
+        if self.spaces:
+            return orbit
         return replace(
             orbit,
             radius=orbit.radius if self.radius is None else self.radius,
             direction=self.direction or orbit.direction,
             speed=orbit.speed if self.speed is None else self.speed,
         )
+
+    def applied(self, orbit: Orbit) -> Orbit:
+        """Return the orbit to fly: the circle that is asked for, with its spacing."""
+        circle, offset, pace = self.circle(orbit), self.offset or 0.0, 1.0 if self.pace is None else self.pace
+        return replace(circle, radius=circle.radius + offset, speed=circle.speed * pace)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +71,9 @@ class CircleLimits:
 def obstacle(request: CircleRequest, orbit: Orbit, limits: CircleLimits) -> str:
     """Return why a circle cannot be flown instead of `orbit`: value, limit and remedy, short enough for a STATUSTEXT;
     empty if it can."""
-    wanted = request.applied(orbit)
+    wanted, most = request.applied(orbit), MAX_OFFSET_SHARE * request.circle(orbit).radius
+    if request.offset is not None and not abs(request.offset) <= most:
+        return f"spacing by {request.offset:+.1f} m beyond {most:.1f} m"
     if not limits.nearest < wanted.radius < limits.farthest:  # false for NaN, too
         return f"radius {wanted.radius:g} m outside {limits.nearest:g} to {limits.farthest:g} m"
     if wanted.speed != orbit.speed and limits.keeps_speed:

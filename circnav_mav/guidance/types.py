@@ -91,7 +91,8 @@ class RelativeMotion(NamedTuple):
     m/s. heading (rad), turn_rate (rad/s): own motion at this moment. airspeed: true, m/s; scale: true over measured.
     trusted: whether it may steer. trial: number of the guess, where it is no more than a guess; None (in arrays -1)
     where it is none. drift_remembered: whether a search began with the drift known from before. feels: how far the
-    measured accelerations are believed, 0 .. 1.
+    measured accelerations are believed, 0 .. 1. drift_covariance: xx, xy, yy of the steady part of the drift,
+    (m/s)^2; None in experiments.
     """
 
     x: float
@@ -107,6 +108,7 @@ class RelativeMotion(NamedTuple):
     trial: int | None = None
     drift_remembered: bool = False
     feels: float = 0.0
+    drift_covariance: tuple[float, float, float] | None = None
 
     @property
     def eta(self) -> float:

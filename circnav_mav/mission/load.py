@@ -162,11 +162,13 @@ def put(table: Any, keys: list[str], value: Any, said: str) -> None:
 
 
 def _make_absolute(table: Any, folder: Path, where: str) -> None:
-    """The key files of a mission and of its bundled vehicle: relative to the folder of the file, `~` from home."""
-    for place in (table, table.get("sim")):
-        signing = place.get("signing") if isinstance(place, Mapping) else None
-        if isinstance(signing, Mapping) and isinstance(name := signing.get("key_file"), str) and name:
+    """Make the key files of a mission, its bundled vehicle and its extras absolute: they are relative to the folder of
+    the file, `~` from home."""
+    sim = table.get("sim")
+    tables = {**table, "sim.signing": sim.get("signing") if isinstance(sim, Mapping) else None}
+    for key, place in tables.items():
+        if isinstance(place, Mapping) and isinstance(name := place.get("key_file"), str) and name:
             if "\0" in name:
-                raise MissionError(f"{where}: signing.key_file: {name!r} holds a character that no file's name has")
+                raise MissionError(f"{where}: {key}.key_file: {name!r} holds a character that no file's name has")
             # not Path.expanduser: it raises for a user that is not there
-            signing["key_file"] = str((folder / os.path.expanduser(name)).absolute())  # type: ignore[index]
+            place["key_file"] = str((folder / os.path.expanduser(name)).absolute())  # type: ignore[index]

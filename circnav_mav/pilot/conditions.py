@@ -283,8 +283,8 @@ TABLE = (
         short="vehicle banks {found:.0f} deg at most", once=True, severity=NOTICE,
     ),
     Condition(
-        "next_circle", lambda p, now: p.controller.orbit is not p.settings.orbit and id(p.controller.orbit),
-        short="next circle, {p.controller.orbit.label}", repeats=True, severity=NOTICE,
+        "next_circle", lambda p, now: p.controller.circle is not p.settings.orbit and id(p.controller.circle),
+        short="next circle, {p.controller.circle.label}", repeats=True, severity=NOTICE,
     ),
     Condition("law", lambda p, now: p.flies and p.law, "{p.why}", repeats=True, severity=NOTICE),
 )

@@ -40,12 +40,16 @@ class Controller:
     def __init__(self, settings: PilotSettings) -> None:
         orbit, facts = settings.orbit, settings.facts
         self._settings = settings
+        self.circle = orbit
+        """The circle of the mission, or the one that was asked for since."""
+        self._spacing = 0.0, 1.0
+        """Offset, m, and factor of the speed, by which a fleet spaces itself."""
         self._tuning = settings.tuning
         lag, gain, link = settings.turn_lag, settings.turn_gain, settings.timing.tick
         self._answer = TurnAnswer(lag, orbit.max_turn_rate, gain=gain, link=link)
         self._loop = ClosedLoop(orbit, settings.law, self._answer, settings.radius_trim)
         self._later, self._laps = list(settings.later_radii), LapCounter()
-        self._changed_at = float("-inf")
+        self._changed_at = self._spaced_at = float("-inf")
         self._guard = SetpointGuard(
             Limits(
                 max_yaw_rate=orbit.max_turn_rate,
@@ -65,7 +69,7 @@ class Controller:
 
     @property
     def orbit(self) -> Orbit:
-        """The circle that is flown now."""
+        """The circle that is flown now, with the spacing of a fleet."""
         return self._loop.orbit
 
     @property
@@ -141,17 +145,27 @@ class Controller:
 
     def change_circle(self, request: CircleRequest, now: float) -> str:
         """Fly another circle from now on. Return why it cannot be flown, empty if it is."""
-        if now - self._changed_at < MIN_INTERVAL - SAME_TIME:
-            return f"{now - self._changed_at:.2f} s after the last change, wait {MIN_INTERVAL:g} s"
-        wanted = request.applied(self.orbit)
-        if why := obstacle(request, self.orbit, self._settings.circle_limits):
+        # Spacing and other changes have clocks of their own: a fleet never makes the operator wait.
+        changed_at = self._spaced_at if request.spaces else self._changed_at
+        if now - changed_at < MIN_INTERVAL - SAME_TIME:
+            return f"{now - changed_at:.2f} s after the last change, wait {MIN_INTERVAL:g} s"
+        offset, pace = self._spacing
+        offset = offset if request.offset is None else request.offset
+        pace = pace if request.pace is None else request.pace
+        spaces, request = request.spaces, request._replace(offset=offset, pace=pace)
+        wanted, circle = request.applied(self.circle), request.circle(self.circle)
+        if why := obstacle(request, self.circle, self._settings.circle_limits):
             return why
-        near = abs(wanted.radius / self.orbit.radius - 1) <= NEAR and wanted.direction is self.orbit.direction
+        near = abs(circle.radius / self.circle.radius - 1) <= NEAR and circle.direction is self.circle.direction
         try:
             self._loop.change(wanted, self._tuning.choice(wanted), keeps_trim=near)
         except ValueError as error:
             return str(error)
-        self._changed_at = now
+        self.circle, self._spacing = circle, (offset, pace)
+        if spaces:
+            self._spaced_at = now
+        else:
+            self._changed_at = now
         return ""
 
     def change_law(self, name: str) -> str:

@@ -18,7 +18,7 @@ class LoopStep:
     heard: (link, source, whole frames) of each datagram. said: frames to the vehicle. hello: frames to the ranging
     link. attached: frames that onlookers sent to the vehicle. requests: for another circle, from outside of the pilot.
     interrupt: why the flight was ended from outside in this step. held_back: True if nothing was sent because the
-    step took too long.
+    step took too long. exchanged: frames between onlookers and others than the vehicle, such as the members of a fleet.
     """
 
     time: float
@@ -29,6 +29,7 @@ class LoopStep:
     requests: list[CircleRequest] = field(default_factory=list)
     interrupt: str = ""
     held_back: bool = False
+    exchanged: list[bytes] = field(default_factory=list)
 
     @property
     def frames_heard(self) -> list[bytes]:
@@ -38,7 +39,9 @@ class LoopStep:
 
 def requests_text(requests: list[CircleRequest]) -> str:
     """Return requests as a cell of turns.csv, empty for none."""
-    plain = [[one.radius, one.direction and one.direction.value, one.speed, one.by] for one in requests]
+    plain = [
+        [one.radius, one.direction and one.direction.value, one.speed, one.by, one.offset, one.pace] for one in requests
+    ]
     return json.dumps(plain) if plain else ""
 
 
@@ -46,8 +49,8 @@ def requests_from(text: str) -> list[CircleRequest]:
     """Return the requests of a cell of turns.csv. Raises ValueError for what the recorder never wrote."""
     try:
         return [
-            CircleRequest(radius, direction and Direction(direction), speed, by)
-            for radius, direction, speed, by in (json.loads(text) if text else ())
+            CircleRequest(radius, direction and Direction(direction), speed, by, *spacing)
+            for radius, direction, speed, by, *spacing in (json.loads(text) if text else ())
         ]
     except TypeError as error:
         raise ValueError(error) from None

@@ -31,9 +31,9 @@ class FlightParameters:
         """Return the parameters in the order in which they are listed."""
         controller = self._controller
         return (
-            Parameter("CN_RADIUS", lambda: controller.orbit.radius, self._set_radius),
-            Parameter("CN_DIRECTION", lambda: -controller.orbit.direction.turn_sign, self._set_direction),
-            Parameter("CN_SPEED", lambda: controller.orbit.speed, self._set_speed),
+            Parameter("CN_RADIUS", lambda: controller.circle.radius, self._set_radius),
+            Parameter("CN_DIRECTION", lambda: -controller.circle.direction.turn_sign, self._set_direction),
+            Parameter("CN_SPEED", lambda: controller.circle.speed, self._set_speed),
             Parameter("CN_HEIGHT", self._read_height, self._set_height),
             Parameter("CN_LAW", lambda: list(LAWS).index(controller.law), self._set_law),
             Parameter("CN_HOLD", lambda: self._mission.hold, self._set_hold),

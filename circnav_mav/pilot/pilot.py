@@ -88,6 +88,9 @@ class Pilot:
         self._frames: list[bytes] = []
         self.path: AirPath = AirPath(session, self.tracker, self.controller)
         self.conditions = Conditions(self)
+        self.estimate: RangeEstimate | None = None
+        """The estimate that the newest step steered by."""
+        self._spacing_refused = ""
 
     # --- in: every message that arrives -----------------------------------------------------------------------------
 
@@ -113,8 +116,10 @@ class Pilot:
     def request_circle(self, request: CircleRequest, now: float) -> str:
         """Fly another circle, if vehicle, bounds and rate of change allow it. Return why not, empty if it is flown."""
         why = self.controller.change_circle(request, now)
-        if why:
+        # Spacing is requested twice a second: the same refusal is reported once.
+        if why and not (request.spaces and why == self._spacing_refused):
             self._say("circle refused", why, severity=MAV_SEVERITY_WARNING)
+        self._spacing_refused = why if request.spaces else self._spacing_refused
         return why
 
     def abandon(self, reason: str) -> None:
@@ -167,7 +172,7 @@ class Pilot:
         self._watch_following(now)
         self._watch_ranging(estimate, now)
         self._watch_engagement(now)
-        desired = self.controller.orbit.radius
+        desired, self.estimate = self.controller.circle.radius, estimate
         command = self.controller.command(self.mission.phase, estimate, self.session.timesync.worst, now)
         message, yaw_rate = self._setpoint(command, now)
         phase, spoke = self.mission.phase, False
@@ -280,7 +285,7 @@ class Pilot:
         if self.flies:  # a dry run may begin on the ground, far from the height that is told
             self.tracker.height.engage()
         self.session.drop_mode_requests()
-        self._say("engage", f"{'engaged' if self.flies else 'dry run'}, {self.controller.orbit.label}")
+        self._say("engage", f"{'engaged' if self.flies else 'dry run'}, {self.controller.circle.label}")
 
     def _finish(self, outcome: Outcome, now: float) -> None:
         if self.mission.finish(outcome, now, ours=self._authority.may_be_ours(now)):
@@ -334,7 +339,7 @@ class Pilot:
 
     def _housekeeping(self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float) -> list[Message]:
         """Heartbeat, commands, streams, texts and plot values; the farewell at the end."""
-        plots = self.session.announcer.plots(plot_values(self.controller.orbit, estimate, command), now)
+        plots = self.session.announcer.plots(plot_values(self.controller.circle, estimate, command), now)
         if self.settings.output_mode is OutputMode.SHADOW:
             return self.session.heartbeats_due(now) + plots
         if self.done:

@@ -72,6 +72,7 @@ def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
         hello=take(int(hello or 0)),
         attached=take(int(later[0] or 0) if later else 0),
         requests=requests_from(later[1]) if len(later) > 1 else [],
+        exchanged=take(int(later[2] or 0) if len(later) > 2 else 0),
         interrupt=interrupt,
         held_back=held_back,
     )

@@ -62,12 +62,12 @@ class Lockstep(Clock):
 
     def until(self, moment: float) -> float:
         """Real seconds to wait for the next thing that happens, at a moment at the latest; 0 without a pace."""
-        return max((self._next(moment) - self._paced()) / self.speed, 0.0) if isfinite(self.speed) else 0.0
+        return max((self.next_event(moment) - self._paced()) / self.speed, 0.0) if isfinite(self.speed) else 0.0
 
     def advance(self, moment: float) -> None:
         """On to the next thing that happens, at a moment at the latest; less far if the pace has not come there yet,
         as when a signal cut the wait short."""
-        due = self._next(moment)
+        due = self.next_event(moment)
         if self._others:
             due = max(self._paced(), self._now)
         elif isfinite(self.speed):
@@ -80,7 +80,8 @@ class Lockstep(Clock):
         self._now = micros / 1e6
         self._vehicle.advance(self._now)
 
-    def _next(self, moment: float) -> float:
+    def next_event(self, moment: float) -> float:
+        """Return the time of the next thing that happens, s, a moment at the latest."""
         return max(min(self._vehicle.next_event, moment), self._now)
 
     def _paced(self) -> float:

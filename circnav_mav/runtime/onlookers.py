@@ -37,6 +37,10 @@ class Onlooker:
         """Take in a step and the newest tick. Return frames to send to the vehicle, from a component of its own."""
         return ()
 
+    def take_exchanged(self) -> Sequence[bytes]:
+        """Return frames exchanged with others than the vehicle since the last step: recorded, and never sent to it."""
+        return ()
+
     def circle_requests(self, now: float) -> Sequence[CircleRequest]:
         """Return requests for another circle, for a fleet that spaces itself."""
         return ()
@@ -102,6 +106,13 @@ class Onlookers:
         for onlooker in self._working():
             onlooker.called_off = called_off
             frames += self._guarded(onlooker, _at(step.time), onlooker.on_step, newest, step, recording_problem) or ()
+        return frames
+
+    def take_exchanged(self, now: float) -> list[bytes]:
+        """Return the frames that onlookers exchanged with others than the vehicle, for the recorder."""
+        frames: list[bytes] = []
+        for onlooker in self._working():
+            frames += self._guarded(onlooker, _at(now), onlooker.take_exchanged) or ()
         return frames
 
     def circle_requests(self, now: float) -> list[CircleRequest]:

@@ -34,10 +34,11 @@ MOST_SOURCES = 1000
 CLOSE_PATIENCE = 10.0
 """Time, s, that a slow disk is given at the end."""
 TICK_COLUMNS = TickRecord._fields
-TURN_COLUMNS = ("time_us", "heard", "said", "hello", "interrupt", "attached", "requests")
+TURN_COLUMNS = ("time_us", "heard", "said", "hello", "interrupt", "attached", "requests", "exchanged")
 """heard: link initial, number of the source and count of whole frames of each datagram, as in `v0*2 r1*1`. said, hello:
 frames of ours; HELD_BACK: what there was to say was not sent; attached: frames of onlookers; requests: for another
-circle, as JSON. The tlog holds the frames of a step in this order."""
+circle, as JSON; exchanged: frames between onlookers and others than the vehicle. The tlog holds the frames of a step in
+this order."""
 
 
 class RecorderError(Exception):
@@ -147,7 +148,7 @@ class Recorder:
         return False
 
     def _write_step(self, item: LoopStep) -> None:
-        frames = item.frames_heard + item.said + item.hello + item.attached
+        frames = item.frames_heard + item.said + item.hello + item.attached + item.exchanged
         stamp = struct.pack(">Q", self._epoch_us + round(item.time * 1e6))
         self._written += self._tlog.write(b"".join(stamp + without_signature(frame) for frame in frames))
         self._tlog.flush()
@@ -161,6 +162,7 @@ class Recorder:
             item.interrupt,
             len(item.attached) or "",
             requests_text(item.requests),
+            len(item.exchanged) or "",
         )
         self._written += csv.writer(self._turns).writerow(row)
 

@@ -66,24 +66,51 @@ def run(
     signing_time: SigningTime | None = None,
 ) -> None:
     """Fly until the pilot is done and no onlooker is busy. Every step and tick goes to the recorder."""
-    newest: TickRecord | None = None
-    now = 0.0
-    while not pilot.done or onlookers.busy:
-        due = now + clock.longest_wait if pilot.done else pilot.scheduler.due
-        wait(links, stop, min(clock.until(due), clock.longest_wait))
-        clock.advance(due)
+    loop = Loop(pilot, links, clock, recorder, onlookers)
+    while not loop.over:
+        wait(links, stop, min(clock.until(loop.due), clock.longest_wait))
         if signing_time is not None:
             signing_time.turn()
-        step = turn(pilot, links, clock, now, stop.signal_name, onlookers.circle_requests(now))
-        now = step.time
+        loop.step(stop.signal_name)
+
+
+class Loop:
+    """The loop of one flight, a step at a time."""
+
+    def __init__(
+        self, pilot: Pilot, links: Mapping[str, Link], clock: Clock, recorder: Recorder, onlookers: Onlookers
+    ) -> None:
+        self.now = 0.0
+        """Time of the newest step, s."""
+        self._pilot, self._links, self._clock = pilot, links, clock
+        self._recorder, self._onlookers = recorder, onlookers
+        self._newest: TickRecord | None = None
+
+    @property
+    def over(self) -> bool:
+        """True once the pilot is done and no onlooker is busy."""
+        return self._pilot.done and not self._onlookers.busy
+
+    @property
+    def due(self) -> float:
+        """Time of the next step at the latest, s."""
+        return self.now + self._clock.longest_wait if self._pilot.done else self._pilot.scheduler.due
+
+    def step(self, signal_name: str | None = None) -> None:
+        """Go on to the next thing that happens. signal_name: of a signal that has come to end the flight."""
+        pilot, links, onlookers = self._pilot, self._links, self._onlookers
+        self._clock.advance(self.due)
+        step = turn(pilot, links, self._clock, self.now, signal_name, onlookers.circle_requests(self.now))
+        self.now = step.time
         records = pilot.take_records()
-        newest = records[-1] if records else newest
-        frames = onlookers.on_step(newest, step, recorder.problem, called_off=stop.signal_name is not None)
+        self._newest = records[-1] if records else self._newest
+        frames = onlookers.on_step(self._newest, step, self._recorder.problem, called_off=signal_name is not None)
         if frames:
             links[VEHICLE].send(b"".join(frames), pilot.session.reply_to)
             step.attached = frames
-        recorder.step(step)
-        recorder.ticks(records)
+        step.exchanged = onlookers.take_exchanged(self.now)
+        self._recorder.step(step)
+        self._recorder.ticks(records)
 
 
 def turn(

@@ -3,6 +3,7 @@ radius error adds up to."""
 
 import pytest
 
+from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, TurnCommand, TurnRate
 from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.identity import Sender
@@ -85,3 +86,16 @@ def test_the_radius_integral_pulls_towards_the_circle_while_the_vehicle_follows(
     tighter = demanded[0] - demanded[-1]  # clockwise is negative
     assert (tighter > 0.001) is pulls
     assert tighter >= 0
+
+
+def test_the_spacing_of_a_fleet_leaves_the_circle_and_its_changes_by_the_operator_as_they_are():
+    controller = Vehicle().controller
+    base = controller.circle
+    assert controller.change_circle(CircleRequest(offset=5.0, pace=1.0, by="fleet"), 1.0) == ""
+    assert (controller.circle, controller.orbit.radius) == (base, base.radius + 5.0)
+    # The operator is not made to wait for the fleet, and the offset stays.
+    assert controller.change_circle(CircleRequest(radius=base.radius + 30.0, by="operator"), 1.01) == ""
+    assert (controller.circle.radius, controller.orbit.radius) == (base.radius + 30.0, base.radius + 35.0)
+    assert controller.change_circle(CircleRequest(offset=0.0, by="fleet"), 1.2) == ""
+    assert controller.orbit.radius == controller.circle.radius
+    assert "spacing by" in controller.change_circle(CircleRequest(offset=0.31 * controller.circle.radius), 2.0)

@@ -44,6 +44,7 @@ def flown(one, other):
     for moment in (1.0, 2.0, 3.0):
         if onlookers.busy:
             frames += onlookers.on_step(None, LoopStep(moment), None)
+            onlookers.take_exchanged(moment)
         seen = onlookers.facts(moment), onlookers.alarms(moment)
     files = onlookers.finish(summary)
     onlookers.show_verdict("COMPLETED")
@@ -53,7 +54,8 @@ def flown(one, other):
 
 @pytest.mark.parametrize(
     ("what", "when"),
-    [("start", " at 0.0 s"), ("on_step", " at 1.0 s"), ("facts", " at 1.0 s"), ("alarms", " at 1.0 s"),
+    [("start", " at 0.0 s"), ("on_step", " at 1.0 s"), ("take_exchanged", " at 1.0 s"),
+     ("facts", " at 1.0 s"), ("alarms", " at 1.0 s"),
      ("busy", ""), ("finish", " at the end"), ("show_verdict", " at the end"), ("close", " at the end")],
 )  # fmt: skip
 def test_one_that_fails_is_reported_once_and_shown_no_more_and_the_others_go_on(what, when):

@@ -189,6 +189,17 @@ def test_an_onlooker_keeps_the_loop_going_after_guidance_until_a_signal_which_it
     assert [step.attached for step in recorder.steps] == [[], [], [], [b"streams"]]
 
 
+def test_frames_that_an_onlooker_exchanged_with_others_are_recorded_and_never_sent_to_the_vehicle(fly):
+    class Member(Onlooker):
+        def take_exchanged(self):
+            return [b"report"]
+
+    vehicle = FakeLink()
+    recorder = fly(FakePilot(2), Member(), vehicle=vehicle)
+    assert [(step.exchanged, step.attached) for step in recorder.steps] == [([b"report"], [])] * 2
+    assert all(data != b"report" for data, _ in vehicle.sent)
+
+
 @pytest.mark.parametrize(("seconds", "stands"), [(0.4, False), (5.0, True)])
 @pytest.mark.parametrize("moment", ["reading", "decoding", "deciding", "preparing the rest"])
 def test_what_was_to_be_said_before_the_process_stood_still_is_not_said_after_it(fly, seconds, stands, moment):

@@ -10,7 +10,7 @@ from circnav_mav.guidance.estimators.dead_reckoning import Belief, Knot, OwnPath
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.multiple_model import TRUSTED, DriftBank, Stage
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
-from circnav_mav.guidance.estimators.relative_ekf import KAPPA, Felt, Rates, drift
+from circnav_mav.guidance.estimators.relative_ekf import DX, DY, KAPPA, Felt, Rates, drift
 from circnav_mav.guidance.maths import Array
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample, RelativeMotion
 
@@ -117,6 +117,7 @@ class DriftEstimator(Estimator):
             trial=None if tracks else int(self.bank.favourite[0]),
             drift_remembered=self.bank.remembers,
             feels=belief.feels if tracks and felt is not None else 0.0,
+            drift_covariance=(covariance.item(DX, DX), covariance.item(DX, DY), covariance.item(DY, DY)),
         )
         return RangeEstimate(
             time, at.r, at.r_dot,

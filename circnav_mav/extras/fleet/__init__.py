@@ -1,0 +1,16 @@
+"""A fleet on one circle: its law, its carrier and its commands."""
+
+from circnav_mav.extension import Extension
+
+EXTENSION = Extension(
+    tables={"fleet": "circnav_mav.extras.fleet.settings:FleetTable"},
+    checks=["circnav_mav.extras.fleet.settings:check_fleet"],
+    preflight=["circnav_mav.extras.fleet.settings:preflight_fleet"],
+    fly_options=[f"circnav_mav.extras.fleet.commands:{name}" for name in ("DELAY", "LOSS", "FLEET")],
+    emulate_options=["circnav_mav.extras.fleet.commands:FLEET"],
+    flies={"fleet": "circnav_mav.extras.fleet.fly:fly_fleet"},
+    emulates={"fleet": "circnav_mav.extras.fleet.emulate:emulate_fleet"},
+    onlooker="circnav_mav.extras.fleet.settings:open_onlooker",
+    files=["fleet.csv"],
+    order=15,
+)

@@ -1,0 +1,342 @@
+"""Acceptance of frames from the fleet link, without sockets and without a clock.
+
+A datagram is accepted if it is one whole report of another member of the own group, authentic, new, finite, within
+bounds, stamped by a clock that agrees with the own one, and consistent with the member's earlier reports. Every other
+datagram is counted by its reason. Reasons that repeat are alarms for the operator.
+"""
+
+from collections import Counter, deque
+from collections.abc import Hashable
+from dataclasses import dataclass
+from enum import Enum
+from math import hypot, inf, isfinite, isnan, pi, remainder, tau
+
+from circnav_mav.extras.fleet.frames import COMPONENT, LONGEST_FRAME, MESSAGE, from_message, is_report
+from circnav_mav.extras.fleet.report import MemberReport, State
+from circnav_mav.mav.codec import Decoder
+from circnav_mav.mav.framing import SIGNATURE, frame_at, is_good
+from circnav_mav.mav.identity import spelt
+from circnav_mav.mav.signing import EPOCH, MINUTE, SECOND, Refusal, Signing, is_signed, is_signed_with
+
+CLOCK_TOLERANCE = 0.5
+"""Greatest difference, s, between a stamp and the own clock. Delay on the way counts as a clock that is behind."""
+SHORTEST_INTERVAL = 0.1
+"""Least time, s, between the stamps of two reports of one member: half of the interval at the greatest rate."""
+MOVES_AFTER = 1.5
+"""Silence of a member, s, after which its id is accepted from another address, as for a vehicle (mav/identity.py)."""
+FORGET_AFTER = 60.0
+"""Silence, s, after which a member leaves the table."""
+MOST_MEMBERS = 32
+"""Members in the table unless the mission has another number."""
+PHASE_TOLERANCE = 0.35
+"""Plausible difference, rad, between a phase and its extrapolation beside three standard deviations."""
+PHASE_RATE_TOLERANCE = 0.1
+"""Growth of that difference, rad/s, on the circle: other members change the commanded radius and thereby the rate."""
+CONFIRMED_AFTER = 2.0
+"""Time, s, for which a phase that has jumped must continue plausibly until it is accepted."""
+ALARM_COUNT, ALARM_TIME = 3, 5.0
+"""Rejections for one reason within this time, s, that are an alarm: a lossy network repeats and reorders frames."""
+MOST_COPIES = 512
+"""Newest authentic and own frames by which copies are recognized: 0.4 s of 255 members at 5 Hz."""
+_HASH = 6
+_ROUNDING = 1e-6
+"""Part by which a number may be beyond its bound, because fields are rounded to 32 bits."""
+
+MAX_DRIFT, MAX_VARIANCE = 100.0, 1e4
+BOUNDS: dict[str, tuple[float, float]] = {
+    "phase": (0.0, tau),
+    "phase_sigma": (1e-6, 10.0),
+    "lap_period": (1.0, 3600.0),
+    "radius": (1.0, 10_000.0),
+    "height": (-1000.0, 10_000.0),
+    "drift east": (-MAX_DRIFT, MAX_DRIFT),
+    "drift north": (-MAX_DRIFT, MAX_DRIFT),
+    "drift variance east": (1e-9, MAX_VARIANCE),
+    "drift covariance": (-MAX_VARIANCE, MAX_VARIANCE),
+    "drift variance north": (1e-9, MAX_VARIANCE),
+}
+"""Least and greatest value of each number of a report, SI units. A height may be nan: unknown."""
+
+
+class Rejection(Enum):
+    """Reason why a datagram is not accepted."""
+
+    MALFORMED = "malformed"
+    OTHER_MESSAGE = "other_message"
+    OTHER_ADDRESS = "other_address"
+    UNSIGNED = "unsigned"
+    WRONG_KEY = "wrong_key"
+    REPLAYED = "replayed"
+    OTHER_GROUP = "other_group"
+    NOT_FINITE = "not_finite"
+    OUT_OF_BOUNDS = "out_of_bounds"
+    CLOCKS_DISAGREE = "clocks_disagree"
+    SAME_ID = "same_id"
+    PHASE_JUMP = "phase_jump"
+    TOO_OFTEN = "too_often"
+    TABLE_FULL = "table_full"
+    FLOOD = "flood"
+
+
+REMEDIES = {
+    Rejection.MALFORMED: "frames are not whole MAVLink 2 reports: use a port of its own for each program",
+    Rejection.OTHER_ADDRESS: "a sender is not in the list of peers: add it to the list if it is a member",
+    Rejection.UNSIGNED: "frames are not signed: give every member the key of the fleet",
+    Rejection.WRONG_KEY: "frames are signed with another key: give every member the same key file",
+    Rejection.REPLAYED: "frames are repeated or late, and are ignored",
+    Rejection.OTHER_GROUP: "another group uses this address: correct the group, or give each group an address",
+    Rejection.NOT_FINITE: "a number is not finite",
+    Rejection.OUT_OF_BOUNDS: "a number is out of bounds",
+    Rejection.CLOCKS_DISAGREE: "clocks disagree, or frames are late: synchronize the companion computers",
+    Rejection.SAME_ID: "two members have one id: give each member an id of its own",
+    Rejection.PHASE_JUMP: "a phase jumps: the member's estimate or its sender is wrong",
+    Rejection.TOO_OFTEN: "a member sends more than 10 reports a second",
+    Rejection.TABLE_FULL: "the group has more members than its limit",
+    Rejection.FLOOD: "network flood: frames are lost",
+}
+"""Reasons that are alarms, with the remedy or effect. A foreign MAVLink message on the port is ignored without one."""
+_REFUSALS = {
+    Refusal.UNSIGNED: Rejection.UNSIGNED,
+    Refusal.WRONG: Rejection.WRONG_KEY,
+    Refusal.REPEATED: Rejection.REPLAYED,
+    Refusal.BEHIND: Rejection.CLOCKS_DISAGREE,
+}
+
+
+class RejectedError(Exception):
+    """A datagram that is not accepted: its reason, and the values that prove it."""
+
+    def __init__(self, reason: Rejection, detail: str) -> None:
+        super().__init__(detail)
+        self.reason = reason
+
+
+def check_numbers(report: MemberReport) -> None:
+    """Raise RejectedError if a number of a report is not finite or out of bounds."""
+    east, north, ee, en, nn = *report.drift, *report.drift_covariance
+    height = 0.0 if isnan(report.height) else report.height
+    values = (report.phase, report.phase_sigma, report.lap_period, report.radius, height, east, north, ee, en, nn)
+    for (name, (least, greatest)), value in zip(BOUNDS.items(), values, strict=True):
+        if not isfinite(value):
+            raise RejectedError(Rejection.NOT_FINITE, f"{name} {value}")
+        if not least - _ROUNDING * abs(least) <= value <= greatest * (1 + _ROUNDING):
+            raise RejectedError(Rejection.OUT_OF_BOUNDS, f"{name} {value:g}, not {least:g} to {greatest:g}")
+    if en**2 > ee * nn * (1 + _ROUNDING):
+        raise RejectedError(Rejection.OUT_OF_BOUNDS, f"drift covariance {en:g} with variances {ee:g} and {nn:g}")
+
+
+def extrapolated(report: MemberReport, stamp: float) -> float:
+    """Return the phase of a member at another time, rad, not wrapped."""
+    return report.phase + tau * (stamp - report.stamp) / report.lap_period
+
+
+def phase_error(before: MemberReport, report: MemberReport) -> float:
+    """Return the distance of a phase from the extrapolation of an earlier one, rad, 0 to pi."""
+    return abs(remainder(report.phase - extrapolated(before, report.stamp), tau))
+
+
+def phase_tolerance(before: MemberReport, report: MemberReport) -> float:
+    """Return the greatest plausible distance of a phase from its extrapolation, rad; infinite if it is unknown."""
+    if State.SEARCH in (before.state, report.state):
+        return inf
+    # On the circle the phase grows at its nominal rate, apart from the change of radius. On the way to the circle or
+    # from it the bearing may stand still, or turn at twice the rate.
+    on_circle = before.state is State.ON_CIRCLE and report.state is State.ON_CIRCLE
+    rate = PHASE_RATE_TOLERANCE if on_circle else max(tau / report.lap_period, PHASE_RATE_TOLERANCE)
+    sigmas = 3 * hypot(before.phase_sigma, report.phase_sigma)
+    return PHASE_TOLERANCE + sigmas + rate * (report.stamp - before.stamp)
+
+
+@dataclass(slots=True)
+class Member:
+    """Another member as accepted. jumped: the first and the newest report after a jump of its phase."""
+
+    report: MemberReport
+    address: Hashable
+    heard_at: float
+    jumped: tuple[MemberReport, MemberReport] | None = None
+
+
+@dataclass(slots=True)
+class _Reason:
+    """Newest rejections for one reason: their times, s, and the newest detail."""
+
+    times: deque[float]
+    detail: str = ""
+
+
+class Acceptance:
+    """Decides on every datagram of the fleet link, and keeps a bounded table of the members."""
+
+    def __init__(
+        self,
+        group: int,
+        member: int,
+        signing: Signing | None = None,
+        key: bytes | None = None,
+        *,
+        hosts: frozenset[str] | None = None,
+        most_members: int = MOST_MEMBERS,
+    ) -> None:
+        """group, member: own ids. signing, key: of the fleet, both or neither. hosts: the only ones that are accepted,
+        None for all."""
+        self.members: dict[int, Member] = {}
+        self.rejected: Counter[Rejection] = Counter()
+        self.accepted = self.copies = 0
+        self._group, self._member, self._key, self._hosts = group, member, key, hosts
+        self._signing, self._most_members = signing, most_members
+        self._decoder = Decoder(wanted={MESSAGE}, signing=signing)
+        self._seen: dict[bytes, float] = {}
+        self._reasons: dict[Rejection, _Reason] = {}
+
+    def sent(self, frame: bytes, now: float) -> None:
+        """Note an own frame: multicast returns it."""
+        self._remember(frame, now)
+
+    def take(self, data: bytes, address: Hashable, now: float) -> MemberReport | None:
+        """Return the report in a datagram, None if it is not accepted. now: Unix time, s."""
+        try:
+            return self._take(data, address, now)
+        except RejectedError as rejected:
+            self.note(rejected.reason, f"{rejected}, from {spelt(address)}", now)
+            return None
+
+    def note(self, reason: Rejection, detail: str, now: float) -> None:
+        """Count a rejection."""
+        self.rejected[reason] += 1
+        noted = self._reasons.setdefault(reason, _Reason(deque(maxlen=ALARM_COUNT)))
+        noted.times.append(now)
+        noted.detail = detail
+
+    def alarms(self, now: float) -> list[str]:
+        """Return a line for each reason that has repeated lately."""
+        lines = []
+        for reason, noted in self._reasons.items():
+            needed = 1 if reason is Rejection.FLOOD else ALARM_COUNT
+            # A clock that was set back leaves times in the future: these are old as well.
+            recent = sum(abs(now - time) <= ALARM_TIME for time in noted.times)
+            if reason in REMEDIES and recent >= needed:
+                lines.append(f"fleet link: {REMEDIES[reason]} ({noted.detail})")
+        return lines
+
+    def _take(self, data: bytes, address: Hashable, now: float) -> MemberReport | None:
+        self._check_address(address)
+        frame = frame_at(data, 0) if data else None
+        if len(data) > LONGEST_FRAME or frame is None or frame.end != len(data) or not is_good(data, frame):
+            raise RejectedError(Rejection.MALFORMED, f"{len(data)} bytes")
+        # Copies come by multicast loopback, by a mesh, and by a second route. The first one has been decided on, and
+        # a signature would refuse the second one as repeated.
+        if data in self._seen:
+            self._check_copy(data, now)
+            self.copies += 1
+            return None
+        report = self._authentic_report(data, now)
+        self._remember(data, now)
+        if report.group != self._group:
+            raise RejectedError(Rejection.OTHER_GROUP, f"group {report.group}, not {self._group}")
+        check_numbers(report)
+        self._check_time(report, now)
+        if report.member == self._member:
+            raise RejectedError(Rejection.SAME_ID, f"the own id {self._member}")
+        self._check_member(report, address, now)
+        self.members[report.member] = Member(report, address, now)
+        self.accepted += 1
+        return report
+
+    def _check_copy(self, data: bytes, now: float) -> None:
+        age = now - self._seen[data]
+        if age > CLOCK_TOLERANCE:
+            raise RejectedError(Rejection.REPLAYED, f"id {data[5]}, copy of a frame of {age:.1f} s ago")
+
+    def _check_address(self, address: Hashable) -> None:
+        host = address[0] if isinstance(address, tuple) else address
+        if self._hosts is not None and host not in self._hosts:
+            raise RejectedError(Rejection.OTHER_ADDRESS, "not a peer")
+
+    def _authentic_report(self, data: bytes, now: float) -> MemberReport:
+        """Return the report in a whole frame after its signature was checked."""
+        self._check_signing_time(data, now)
+        refused = Counter(self._decoder.counts.refused)
+        messages = self._decoder.decode(data)
+        for value in self._decoder.counts.refused - refused:
+            raise RejectedError(_REFUSALS[Refusal(value)], f"id {data[5]}")
+        if not messages or not is_report(messages[0]) or messages[0].get_srcComponent() != COMPONENT:
+            raise RejectedError(Rejection.OTHER_MESSAGE, f"system {data[5]}")
+        try:
+            report = from_message(messages[0])
+        except ValueError as error:
+            raise RejectedError(Rejection.OUT_OF_BOUNDS, str(error)) from None
+        if not report.member:
+            raise RejectedError(Rejection.OUT_OF_BOUNDS, "id 0, not 1 to 255")
+        return report
+
+    def _check_signing_time(self, data: bytes, now: float) -> None:
+        """Raise RejectedError if the signature is of the future.
+
+        Signing follows the newest timestamp that it accepts, as its rules demand. One member with a wrong clock would
+        take the timestamp of every member along, and a new one with a right clock would then be refused.
+        """
+        if self._signing is None or self._key is None or not is_signed(data):
+            return
+        self._signing.advance(now)
+        ahead = int.from_bytes(data[1 - SIGNATURE : -_HASH], "little") - max(int((now - EPOCH) * SECOND), 0)
+        if ahead > MINUTE and is_signed_with(self._key, data):
+            raise RejectedError(Rejection.CLOCKS_DISAGREE, f"id {data[5]} is {ahead / SECOND:.0f} s ahead")
+
+    def _check_time(self, report: MemberReport, now: float) -> None:
+        known = self.members.get(report.member)
+        is_new = known is None or report.stamp > known.report.stamp
+        ahead = report.stamp - now
+        if abs(ahead) > CLOCK_TOLERANCE:
+            reason = Rejection.CLOCKS_DISAGREE if is_new else Rejection.REPLAYED
+            raise RejectedError(
+                reason, f"id {report.member} is {abs(ahead):.1f} s {'ahead' if ahead > 0 else 'behind'}"
+            )
+
+    def _check_member(self, report: MemberReport, address: Hashable, now: float) -> None:
+        """Raise RejectedError if a report contradicts earlier ones of its member."""
+        self._forget(now)
+        known = self.members.get(report.member)
+        if known is None:
+            if len(self.members) >= self._most_members:
+                raise RejectedError(Rejection.TABLE_FULL, f"id {report.member} beside {len(self.members)} members")
+            return
+        # A key proves the sender, and its frames are accepted from any address: else a relay that is quicker than the
+        # sender could make the sender's own frames look foreign. Two addresses are an alarm all the same. Without a key
+        # the first address counts, until it is silent.
+        if address != known.address and now - known.heard_at <= MOVES_AFTER:
+            detail = f"id {report.member} at {spelt(known.address)} and at {spelt(address)}"
+            if self._signing is None:
+                raise RejectedError(Rejection.SAME_ID, detail)
+            self.note(Rejection.SAME_ID, detail, now)
+        newer_by = report.stamp - known.report.stamp
+        if newer_by <= 0:
+            raise RejectedError(Rejection.REPLAYED, f"id {report.member}, {-newer_by:.1f} s older than its newest")
+        if newer_by < SHORTEST_INTERVAL:
+            raise RejectedError(Rejection.TOO_OFTEN, f"id {report.member}, {newer_by:.3f} s after its last")
+        self._check_phase(known, report, now)
+
+    def _check_phase(self, known: Member, report: MemberReport, now: float) -> None:
+        """Raise RejectedError if a phase contradicts its own extrapolation, unless the new one has lasted."""
+        error, tolerance = phase_error(known.report, report), phase_tolerance(known.report, report)
+        if error <= tolerance:
+            return
+        # An estimator that has found the other side of the target jumps once and then goes on. A wrong frame does not
+        # go on. Until then the member is extrapolated from its accepted report.
+        first, newest = known.jumped or (report, report)
+        if known.jumped and phase_error(newest, report) > phase_tolerance(newest, report):
+            first = report
+        known.jumped = (first, report)
+        known.heard_at = now
+        if report.stamp - first.stamp < CONFIRMED_AFTER:
+            raise RejectedError(Rejection.PHASE_JUMP, f"id {report.member} by {error * 180 / pi:.0f} deg")
+
+    def _forget(self, now: float) -> None:
+        """Remove members that are silent, and those heard in the future of a clock that was set back."""
+        for ident in [one for one, member in self.members.items() if abs(now - member.heard_at) > FORGET_AFTER]:
+            del self.members[ident]
+
+    def _remember(self, frame: bytes, now: float) -> None:
+        self._seen[frame] = now
+        if len(self._seen) > MOST_COPIES:
+            del self._seen[next(iter(self._seen))]

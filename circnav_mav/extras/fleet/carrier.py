@@ -1,0 +1,361 @@
+"""Carrier of the fleet's reports between companion computers: a socket of its own, and never an autopilot.
+
+UDP multicast, or a list of peers. Nothing here waits, and nothing raises once the carrier is open: a closed network is
+an alarm and is tried again. The clock is the stamp of the own report, and the `now` of `received`.
+"""
+
+import socket
+import struct
+import sys
+from collections.abc import Hashable
+from contextlib import suppress
+from dataclasses import dataclass
+from ipaddress import ip_address
+from math import inf
+from typing import Any, Protocol
+
+from circnav_mav.extras.fleet.acceptance import MOST_MEMBERS, Acceptance, RejectedError, Rejection, check_numbers
+from circnav_mav.extras.fleet.frames import COMPONENT, LONGEST_FRAME, to_message
+from circnav_mav.extras.fleet.report import MemberReport
+from circnav_mav.mav.codec import Encoder
+from circnav_mav.mav.signing import Signing, without_signature
+from circnav_mav.runtime.endpoint import LinkError, explain, parse_endpoint, resolve
+
+MULTICAST, PORT = "239.255.145.51", 14560
+HOPS = 1
+"""Time to live of a multicast datagram: no router passes it on."""
+INTERVAL = 0.2
+"""Least time, s, between two own reports: 5 Hz."""
+EARLY = 0.01
+"""Time, s, by which a report may be early: steps of the loop do not divide the interval exactly."""
+MOST_DATAGRAMS = 64
+"""Datagrams read in one step: more than 255 members at 5 Hz send in a step of 50 ms."""
+RECEIVE_BUFFER = 1 << 16
+"""Buffer of the socket, bytes. Linux doubles it: about 170 reports. A longer queue only makes reports late."""
+RETRY = 2.0
+"""Time, s, between two attempts to open the socket."""
+SILENCE = 5.0
+"""Time, s, without any datagram after which a multicast socket is opened again: own reports return to it. The
+membership of an interface that was unplugged is lost without an error."""
+PROBLEM_LASTS = 5.0
+"""Time, s, for which a problem is shown after it was last seen."""
+MOST_FRAMES = 4096
+"""Frames that wait to be recorded."""
+LINK_ID = 1
+"""Link id of our signatures on the fleet link: the vehicle's link has 0."""
+_IP_MULTICAST_ALL = 49
+"""Option of Linux that Python does not name."""
+
+Datagram = tuple[bytes, Hashable]
+
+
+@dataclass(frozen=True, slots=True)
+class FleetLink:
+    """Endpoint of the fleet link. interface: name or IPv4 address of the network interface for multicast, empty for the
+    one of the default route. peers: HOST:PORT of every other member; if there are any, multicast is not used."""
+
+    address: str = MULTICAST
+    port: int = PORT
+    interface: str = ""
+    peers: tuple[str, ...] = ()
+
+
+class Port(Protocol):
+    """Transport of datagrams. hosts: the only ones that may send, None for all."""
+
+    hosts: frozenset[str] | None
+
+    def send(self, frame: bytes, now: float) -> str | None:
+        """Send a frame to every other member. Return the problem, None if there is none."""
+
+    def receive(self, most: int, now: float) -> list[Datagram]:
+        """Return at most this number of datagrams that have arrived."""
+
+    def close(self) -> None:
+        """Release what was opened."""
+
+
+class FrameCarrier:
+    """A `Carrier` of signed MAVLink frames over a port."""
+
+    def __init__(
+        self, port: Port, group: int, member: int, key: bytes | None = None, *, most_members: int = MOST_MEMBERS
+    ) -> None:
+        """group, member: own ids. key: 32 bytes of the fleet's key, None for unsigned frames."""
+        # The vehicle's link has a `Signing` of its own. A member whose clock is wrong must not move the timestamp
+        # that signs commands to the autopilot.
+        signing = None if key is None else Signing(key, link_id=LINK_ID)
+        self.acceptance = Acceptance(group, member, signing, key, hosts=port.hosts, most_members=most_members)
+        self.sent = 0
+        self._port, self._signing = port, signing
+        self._ids = group, member
+        self._encoder = Encoder(member, COMPONENT, signing)
+        self._frames: list[bytes] = []
+        self._sent_at = -inf
+        self._problem, self._problem_at = "", -inf
+
+    def send(self, report: MemberReport) -> None:
+        """Send a report, unless the last one was sent less than 0.2 s ago."""
+        now = report.stamp
+        # A clock that was set back by more than the interval must not stop the reports until it has caught up.
+        if abs(now - self._sent_at) < INTERVAL - EARLY:
+            return
+        try:
+            if (report.group, report.member) != self._ids:
+                raise RejectedError(
+                    Rejection.OUT_OF_BOUNDS, f"ids {report.group}, {report.member} are not the own ones"
+                )
+            check_numbers(report)
+        except RejectedError as wrong:
+            self._note(f"the own report is not sent: {wrong}", now)
+            return
+        self._sent_at = now
+        if self._signing is not None:
+            self._signing.advance(now)
+        frame = self._encoder.encode(to_message(report))
+        self.acceptance.sent(frame, now)
+        if problem := self._port.send(frame, now):
+            self._note(problem, now)
+        else:
+            self.sent += 1
+            self._record(frame)
+
+    def received(self, now: float) -> list[MemberReport]:
+        """Return the reports accepted since the last call. now: Unix time, or in lockstep the simulated time, s."""
+        datagrams = self._port.receive(MOST_DATAGRAMS, now)
+        if len(datagrams) == MOST_DATAGRAMS:
+            self.acceptance.note(Rejection.FLOOD, f"more than {MOST_DATAGRAMS} datagrams in a step", now)
+        reports = []
+        for data, address in datagrams:
+            if (report := self.acceptance.take(data, address, now)) is not None:
+                reports.append(report)
+                self._record(data)
+        return reports
+
+    def take_frames(self) -> list[bytes]:
+        """Return the frames sent and accepted since the last call, for the recorder."""
+        frames, self._frames = self._frames, []
+        return frames
+
+    def alarms(self, now: float) -> list[str]:
+        """Return the problems of the link, a line each."""
+        problem = [f"fleet link: {self._problem}"] if abs(now - self._problem_at) <= PROBLEM_LASTS else []
+        return problem + self.acceptance.alarms(now)
+
+    def summary(self) -> dict[str, Any]:
+        """Return the counts of the link for summary.json."""
+        rejected = {reason.value: count for reason, count in self.acceptance.rejected.items()}
+        return {
+            "sent": self.sent,
+            "accepted": self.acceptance.accepted,
+            "copies": self.acceptance.copies,
+            "rejected": rejected,
+        }
+
+    def close(self) -> None:
+        """Close the port."""
+        self._port.close()
+
+    def _record(self, frame: bytes) -> None:
+        if len(self._frames) < MOST_FRAMES:
+            self._frames.append(without_signature(frame))
+
+    def _note(self, problem: str, now: float) -> None:
+        self._problem, self._problem_at = problem, now
+
+
+class UdpPort:
+    """A UDP socket: multicast, or a list of peers. A socket that fails is closed and opened again."""
+
+    def __init__(self, link: FleetLink) -> None:
+        """Raises LinkError for an endpoint that is written wrong or is in use. A missing network is no error."""
+        self._link = link
+        self._peers = [_peer(text) for text in link.peers]
+        if len({family for family, _ in self._peers}) > 1:
+            raise LinkError(f"fleet peers {', '.join(link.peers)}: use either IPv4 or IPv6 for all of them")
+        self.hosts = frozenset(address[0] for _, address in self._peers) if self._peers else None
+        self._socket: socket.socket | None = None
+        self._retry_at = self._heard_at = -inf
+        self._problem: str | None = None
+        if not self._peers:
+            _check_multicast(link)
+        try:
+            self._socket = self._open()
+        except OSError as error:
+            if self._peers:
+                raise LinkError(f"fleet link on port {link.port}: {explain(error)}") from None
+            self._problem = self._explain(error)
+
+    def send(self, frame: bytes, now: float) -> str | None:
+        """Send a frame to the group, or to every peer. Return the problem, None if there is none."""
+        opened = self._opened(now)
+        if opened is None:
+            return self._problem
+        self._problem = None
+        for address in [address for _, address in self._peers] or [(self._link.address, self._link.port)]:
+            try:
+                opened.sendto(frame, address)
+            except OSError as error:
+                self._problem = self._explain(error)
+        # Peers of which one is not reachable keep the socket: the others still receive.
+        if self._problem and not self._peers:
+            self._close(now)
+        return self._problem
+
+    def receive(self, most: int, now: float) -> list[Datagram]:
+        """Return at most this number of datagrams that have arrived."""
+        datagrams: list[Datagram] = []
+        opened = self._opened(now)
+        for _ in range(most if opened else 0):
+            assert opened is not None
+            try:
+                datagrams.append(opened.recvfrom(LONGEST_FRAME + 1))
+            except BlockingIOError:
+                break
+            except OSError as error:  # a peer that has no socket on its port refuses, by ICMP
+                self._problem = self._explain(error)
+        if datagrams or self._heard_at == -inf:
+            self._heard_at = now
+        elif not self._peers and abs(now - self._heard_at) > SILENCE:
+            self._heard_at = now
+            self._close(now - RETRY)
+        return datagrams
+
+    def close(self) -> None:
+        """Close the socket for good."""
+        self._close(inf)
+
+    def _opened(self, now: float) -> socket.socket | None:
+        """Return the socket, opened again if it is time to."""
+        if self._socket is None and self._retry_at != inf and abs(now - self._retry_at) >= RETRY:
+            self._retry_at = now
+            try:
+                self._socket, self._heard_at = self._open(), now
+            except OSError as error:
+                self._problem = self._explain(error)
+        return self._socket
+
+    def _close(self, now: float) -> None:
+        self._retry_at = now
+        if self._socket is not None:
+            with suppress(OSError):
+                self._socket.close()
+        self._socket = None
+
+    def _open(self) -> socket.socket:
+        """Return a bound socket that does not wait. Raises OSError."""
+        family = self._peers[0][0] if self._peers else socket.AF_INET
+        opened = socket.socket(family, socket.SOCK_DGRAM)
+        try:
+            opened.setblocking(False)
+            opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+            if self._peers:
+                opened.bind(("", self._link.port))
+            else:
+                self._join(opened)
+        except OSError:
+            opened.close()
+            raise
+        return opened
+
+    def _join(self, opened: socket.socket) -> None:
+        """Bind to the group, so that datagrams to other addresses of this computer are not received, and join it."""
+        link = self._link
+        membership = _membership(link)
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        opened.bind((link.address, link.port))
+        opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, HOPS)
+        opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
+        # Linux would also pass on what comes in by another interface that another program has joined the group on.
+        if sys.platform == "linux":
+            opened.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
+        opened.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
+        if link.interface:
+            opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, membership)
+
+    def _explain(self, error: OSError) -> str:
+        link = self._link
+        where = "peers" if self._peers else f"{link.address} on {link.interface or 'the default interface'}"
+        return f"no reports to or from {where}: {explain(error)}"
+
+
+def open_carrier(
+    link: FleetLink, group: int, member: int, key: bytes | None = None, *, most_members: int = MOST_MEMBERS
+) -> FrameCarrier:
+    """Open the carrier of a flight. Raises LinkError."""
+    return FrameCarrier(UdpPort(link), group, member, key, most_members=most_members)
+
+
+class LocalNetwork:
+    """Network within one process, for fleets in lockstep: a datagram is received at the next step of each member."""
+
+    def __init__(self) -> None:
+        self._ports: list[LocalPort] = []
+
+    def port(self, address: Hashable) -> "LocalPort":
+        """Return a new port at an address."""
+        self._ports.append(LocalPort(self, address))
+        return self._ports[-1]
+
+    def deliver(self, frame: bytes, sender: "LocalPort", now: float) -> None:
+        """Put a frame into the queue of every other port. Subclasses lose and delay frames."""
+        for port in self._ports:
+            if port is not sender:
+                port.queue.append((frame, sender.address))
+
+
+class LocalPort:
+    """A port of a `LocalNetwork`."""
+
+    hosts: frozenset[str] | None = None
+
+    def __init__(self, network: LocalNetwork, address: Hashable) -> None:
+        self.queue: list[Datagram] = []
+        self.address = address
+        self._network = network
+
+    def send(self, frame: bytes, now: float) -> str | None:
+        """Send a frame to every other port."""
+        self._network.deliver(frame, self, now)
+        return None
+
+    def receive(self, most: int, now: float) -> list[Datagram]:
+        """Return at most this number of datagrams. What does not fit is lost, as in a full socket."""
+        taken = self.queue[:most]
+        self.queue.clear()
+        return taken
+
+    def close(self) -> None:
+        """Receive nothing more."""
+        self.queue.clear()
+
+
+def _peer(text: str) -> tuple[socket.AddressFamily, Any]:
+    """Return the family and address of a peer. Raises LinkError."""
+    try:
+        return resolve(parse_endpoint(f"udpout:{text}"))
+    except LinkError:
+        raise LinkError(f"fleet peer {text!r}: write HOST:PORT, such as 10.0.0.12:{PORT}") from None
+    except (OSError, UnicodeError) as error:
+        raise LinkError(f"fleet peer {text}: {explain(error)}") from None
+
+
+def _check_multicast(link: FleetLink) -> None:
+    """Raise LinkError if an address is written wrong: it would never work."""
+    try:
+        right = ip_address(link.address).is_multicast and ip_address(link.address).version == 4
+    except ValueError:
+        right = False
+    if not right:
+        raise LinkError(f"fleet link {link.address}: is no IPv4 multicast address: write one such as {MULTICAST}")
+
+
+def _membership(link: FleetLink) -> bytes:
+    """Return the kernel's ip_mreqn: the group, and the interface by address or number. Raises OSError."""
+    address, number = "0.0.0.0", 0
+    if link.interface:
+        try:
+            address = str(ip_address(link.interface))
+        except ValueError:
+            number = socket.if_nametoindex(link.interface)
+    return struct.pack("=4s4si", socket.inet_aton(link.address), socket.inet_aton(address), number)

@@ -1,0 +1,249 @@
+"""A whole fleet in one process, in lockstep: every member with its pilot, its bundled vehicle and its clock.
+
+The members take turns in the order of simulated time, so that a fleet is the same to the last digit on any computer.
+"""
+
+import heapq
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from math import cos, radians, sin
+from pathlib import Path
+from random import Random
+from typing import Protocol
+
+from circnav_sim.config import parse_vehicle
+from circnav_sim.vehicle import Truth, Vehicle
+
+from circnav_mav.extras.fleet.carrier import Datagram, FrameCarrier, LocalNetwork, LocalPort
+from circnav_mav.extras.fleet.onlooker import FleetOnlooker
+from circnav_mav.extras.fleet.report import State
+from circnav_mav.extras.fleet.settings import table_of
+from circnav_mav.mission.load import load_mission
+from circnav_mav.mission.mission import Mission
+from circnav_mav.pilot import Pilot, TickRecord
+from circnav_mav.pilot.loop_step import LoopStep
+from circnav_mav.runtime.lockstep import Lockstep
+from circnav_mav.runtime.onlookers import Onlookers
+from circnav_mav.runtime.runner import Loop
+from circnav_mav.runtime.status import AlarmLog
+
+START_APART_DEG = 12.0
+"""Angle between the starts of two members as seen from the target: they come from one airfield."""
+SAMPLE_EVERY = 0.2
+"""Time between two samples of the true tracks, s."""
+SEEDS_APART = 1000
+
+
+class LossyNetwork(LocalNetwork):
+    """A network within one process that loses and delays frames, the same ones for the same seed."""
+
+    def __init__(self, loss: float = 0.0, delay: float = 0.0, seed: int = 0) -> None:
+        """loss: share of the frames that each receiver loses. delay: s."""
+        super().__init__()
+        self.cut: set[Hashable] = set()
+        """Addresses that neither send nor receive."""
+        self._loss, self._delay, self._random = loss, delay, Random(f"{seed}:fleet link")
+        self._under_way: dict[Hashable, list[tuple[float, bytes, Hashable]]] = {}
+
+    def port(self, address: Hashable) -> "LossyPort":
+        """Return a new port at an address."""
+        opened = LossyPort(self, address)
+        self._ports.append(opened)
+        return opened
+
+    def deliver(self, frame: bytes, sender: LocalPort, now: float) -> None:
+        """Send a frame to every other port, unless it is lost."""
+        for port in self._ports:
+            lost = self._random.random() < self._loss
+            if port is not sender and not lost and not {port.address, sender.address} & self.cut:
+                way = self._under_way.setdefault(port.address, [])
+                way.append((now + self._delay, frame, sender.address))
+
+    def arrived(self, address: Hashable, now: float) -> list[Datagram]:
+        """Return the frames that have reached an address."""
+        way = self._under_way.get(address, [])
+        self._under_way[address] = [one for one in way if one[0] > now]
+        return [(frame, sender) for due, frame, sender in way if due <= now]
+
+
+class LossyPort(LocalPort):
+    """A port of a `LossyNetwork`."""
+
+    def receive(self, most: int, now: float) -> list[Datagram]:
+        """Return at most this number of datagrams that have arrived."""
+        assert isinstance(self._network, LossyNetwork)
+        return self._network.arrived(self.address, now)[:most]
+
+
+def member_overrides(path: str | Path, member: int, overrides: Sequence[str] = (), size: int = 6) -> list[str]:
+    """Return the overrides that make a mission that of a member: id, height layer, seed and start. They come after the
+    given ones of the whole fleet."""
+    mission = load_mission(path, overrides)
+    file, sim = mission.file, mission.file.sim or {}
+    layer = table_of(mission).layer_m * (member - 1) if file.vehicle.kind != "rover" else 0.0
+    start, target = sim.get("start", {}), sim.get("target", {})
+    north, east = start.get("north_m", -200.0), start.get("east_m", 0.0)
+    center = target.get("north_m", 0.0), target.get("east_m", 0.0)
+    turn = radians(START_APART_DEG * (member - 1))
+    away = north - center[0], east - center[1]
+    altitude = start.get("altitude_m")
+    found = [
+        f'name="{file.name}-{member}"',
+        f"fleet.id={member}",
+        f"fleet.size={size}",
+        f"sim.seed={sim.get('seed', 0) * SEEDS_APART + member}",
+        f"sim.start.north_m={center[0] + cos(turn) * away[0] - sin(turn) * away[1]:.3f}",
+        f"sim.start.east_m={center[1] + sin(turn) * away[0] + cos(turn) * away[1]:.3f}",
+        f"sim.start.heading_deg={start.get('heading_deg', 0.0) + START_APART_DEG * (member - 1):.1f}",
+    ]
+    if altitude is not None:
+        found.append(f"sim.start.altitude_m={altitude + layer:.1f}")
+    if file.orbit.height_above_target_m is not None:
+        found.append(f"orbit.height_above_target_m={file.orbit.height_above_target_m + layer:.1f}")
+    return [*overrides, *found]
+
+
+class Record(Protocol):
+    """Recorder of one member."""
+
+    @property
+    def problem(self) -> str | None:
+        """What is wrong with the recording."""
+
+    def step(self, step: LoopStep) -> None:
+        """Record a step."""
+
+    def ticks(self, records: list[TickRecord]) -> None:
+        """Record ticks."""
+
+
+class NoRecord:
+    """Recorder that keeps nothing."""
+
+    problem: str | None = None
+
+    def step(self, step: LoopStep) -> None:
+        """Forget it."""
+
+    def ticks(self, records: list[TickRecord]) -> None:
+        """Forget them."""
+
+
+@dataclass
+class Tracks:
+    """True tracks by time: east and north of the target and height of every member, m, its state, and whether it is
+    steered. drift: true, east and north, m/s. radius, sense, speed: of the mission."""
+
+    radius: float
+    speed: float
+    sense: int
+    time: list[float] = field(default_factory=list)
+    east: list[list[float]] = field(default_factory=list)
+    north: list[list[float]] = field(default_factory=list)
+    height: list[list[float]] = field(default_factory=list)
+    state: list[list[State]] = field(default_factory=list)
+    flying: list[list[bool]] = field(default_factory=list)
+    drift: list[tuple[float, float]] = field(default_factory=list)
+
+
+class Member:
+    """One member under way."""
+
+    def __init__(
+        self, mission: Mission, carrier: FrameCarrier, recorder: Record, onlookers: Onlookers, pilot: Pilot
+    ) -> None:
+        assert mission.file.sim is not None
+        self.mission, self.pilot, self.onlookers, self.carrier = mission, pilot, onlookers, carrier
+        self.recorder = recorder
+        self.alarms: AlarmLog | None = None
+        self.vehicle = Vehicle(parse_vehicle(mission.file.sim, "sim"))
+        self.clock = Lockstep(self.vehicle)
+        links = self.clock.links(ranging_apart=pilot.settings.ranging_apart)
+        self.fleet = next(one for one in onlookers.attached if isinstance(one, FleetOnlooker))
+        self.loop = Loop(pilot, links, self.clock, recorder, onlookers)  # type: ignore[arg-type]
+
+    @property
+    def next_event(self) -> float:
+        """Time of the next step, s."""
+        return self.clock.next_event(self.loop.due)
+
+    def place(self, time: float) -> tuple[Truth, float, float]:
+        """Return the truth and the place relative to the target (east, north, m), carried on to a time."""
+        truth = self.vehicle.truth
+        ahead = time - truth.time
+        east = truth.east - truth.target_east + ahead * truth.ground_speed * sin(truth.course)
+        north = truth.north - truth.target_north + ahead * truth.ground_speed * cos(truth.course)
+        return truth, east, north
+
+
+class FleetFlight:
+    """A fleet under way."""
+
+    def __init__(self, members: Iterable[Member], network: LossyNetwork) -> None:
+        self.members, self.network = list(members), network
+        orbit = self.members[0].mission.orbit
+        self.tracks = Tracks(orbit.radius, orbit.speed, orbit.direction.turn_sign)
+        self.now = 0.0
+
+    def fly(
+        self,
+        until: float = float("inf"),
+        watch: Callable[["FleetFlight"], None] = lambda flight: None,
+        stopped: Callable[[], str | None] = lambda: None,
+    ) -> "FleetFlight":
+        """Fly to a time, or to the end of every member. watch: called after each sample. stopped: name of a signal that
+        has come to end the flight."""
+        queue = [(member.next_event, i) for i, member in enumerate(self.members) if not member.loop.over]
+        heapq.heapify(queue)
+        while queue and queue[0][0] <= until:
+            due, i = heapq.heappop(queue)
+            while self.tracks_due <= due:
+                self._sample(self.tracks_due)
+                watch(self)
+            self.now = due
+            member = self.members[i]
+            member.loop.step(stopped())
+            if not member.loop.over:
+                heapq.heappush(queue, (member.next_event, i))
+        return self
+
+    @property
+    def tracks_due(self) -> float:
+        """Time of the next sample, s."""
+        return len(self.tracks.time) * SAMPLE_EVERY
+
+    def _sample(self, time: float) -> None:
+        tracks, places = self.tracks, [member.place(time) for member in self.members]
+        truth = places[0][0]
+        tracks.time.append(time)
+        tracks.east.append([east for _, east, _ in places])
+        tracks.north.append([north for _, _, north in places])
+        tracks.height.append([truth.target_down - truth.down for truth, _, _ in places])
+        tracks.state.append([member.fleet.state for member in self.members])
+        tracks.flying.append([member.pilot.mission.steering for member in self.members])
+        target = self.members[0].vehicle.config.target
+        tracks.drift.append((truth.wind_east - target.velocity_east_mps, truth.wind_north - target.velocity_north_mps))
+
+
+def bare_fleet(
+    path: str | Path,
+    size: int,
+    overrides: Sequence[str] = (),
+    each: Callable[[int], Sequence[str]] = lambda member: (),
+    *,
+    loss: float = 0.0,
+    delay: float = 0.0,
+    seed: int = 0,
+) -> FleetFlight:
+    """Return a fleet without run folders, for tests and benchmarks. each: further overrides of a member, by id."""
+    network = LossyNetwork(loss, delay, seed)
+
+    def members() -> Iterator[Member]:
+        for member in range(1, size + 1):
+            mission = load_mission(path, [*member_overrides(path, member, overrides, size), *each(member)])
+            pilot = Pilot(mission.pilot_settings())
+            carrier = FrameCarrier(network.port(member), table_of(mission).group, member)
+            onlooker = FleetOnlooker(mission, pilot, table_of(mission), carrier, lockstep=True)
+            yield Member(mission, carrier, NoRecord(), Onlookers([onlooker]), pilot)
+
+    return FleetFlight(members(), network)

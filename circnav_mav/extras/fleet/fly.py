@@ -1,0 +1,179 @@
+"""`circnav fly MISSION --fleet N`: a whole fleet on the bundled emulator, with one run folder for each member."""
+
+from collections.abc import Sequence
+from contextlib import ExitStack, closing
+from itertools import chain, count
+from math import degrees
+from pathlib import Path
+from typing import Any
+
+from circnav_mav.cli.check import read_mission, refuse_failing
+from circnav_mav.cli.closing import close_flight, write_manifest
+from circnav_mav.cli.connect import open_onlookers
+from circnav_mav.cli.exits import Exit, Refused, outlive_terminal, refusing, say
+from circnav_mav.cli.fly import EXITS
+from circnav_mav.extras.fleet.carrier import FrameCarrier
+from circnav_mav.extras.fleet.flight import FleetFlight, LossyNetwork, Member, member_overrides
+from circnav_mav.extras.fleet.metrics import FleetFigures, figures
+from circnav_mav.extras.fleet.picture import draw_fleet
+from circnav_mav.extras.fleet.settings import table_of
+from circnav_mav.mav.check_result import Grade
+from circnav_mav.mission.mission import Mission
+from circnav_mav.pilot import Pilot
+from circnav_mav.runlog.atomic_write import write_json
+from circnav_mav.runtime.clock import local_time_name
+from circnav_mav.runtime.recorder import Recorder, RecorderError
+from circnav_mav.runtime.runner import StopRequest
+from circnav_mav.runtime.status import AlarmLog
+
+LINE_EVERY = 20.0
+"""Simulated time between two lines of progress, s."""
+
+
+def fly_fleet(
+    path: str, *, endpoint: str | None, overrides: tuple[str, ...], speed: float | None, duration: float | None,
+    out: str | None, dry_run: bool, shadow: bool, fleet: int, fleet_loss: float | None, fleet_delay: float | None,
+    **options: Any,
+) -> int:  # fmt: skip
+    """Fly, print the table of the fleet, and return the exit code. Raises Refused."""
+    for name, value in (("--endpoint", endpoint), ("--speed", speed)):
+        if value is not None:
+            raise Refused(f"{name}: --fleet flies the bundled vehicle as fast as possible, leave it out")
+    if options.get("web") is not None:
+        raise Refused("--web: shows one vehicle, leave it out with --fleet")
+    if dry_run or shadow:
+        raise Refused("--dry-run, --shadow: --fleet flies the bundled vehicles, leave it out")
+    outlive_terminal()
+    stop = StopRequest()
+    given = (*overrides, *([f"limits.duration_s={duration}"] if duration is not None else []))
+    missions = [read_mission(path, tuple(member_overrides(path, i + 1, given, fleet))) for i in range(fleet)]
+    if not missions[0].flies_sim:
+        raise Refused(f"{path}: --fleet flies the bundled vehicle, link.endpoint is not sim")
+    refuse_failing(path, missions[0], shown=[Grade.WARN])
+    folder = _fleet_folder(out, Path(path).stem)
+    seed = (missions[0].file.sim or {}).get("seed", 0)
+    network = LossyNetwork(fleet_loss or 0.0, fleet_delay or 0.0, seed)
+    with ExitStack() as opened:
+        members = [_member(mission, network, folder, options, opened) for mission in missions]
+        epoch_us = members[0].clock.epoch_us
+        for member in members:
+            _start(member, epoch_us)
+        flight = FleetFlight(members, network)
+        flight.fly(watch=_show_progress, stopped=lambda: stop.signal_name)
+        found = figures(flight.tracks)
+        codes = [_close(member, epoch_us) for member in members]
+    _keep(folder, path, flight, found, codes, fleet_loss, fleet_delay)
+    _show(flight, found, folder)
+    return max(codes)
+
+
+def _fleet_folder(out: str | None, name: str) -> Path:
+    """Return the folder of the fleet, which no other one has. Raises Refused."""
+    if out is None:
+        base = f"{local_time_name()}-{name}-fleet"
+        names = chain((base,), (f"{base}-{number}" for number in count(2)))
+        return next(folder for one in names if not (folder := Path("runs") / one).exists())
+    folder = Path(out)
+    with refusing(folder):
+        if folder.exists() and any(folder.iterdir()):
+            raise Refused(f"--out {out}: is not empty, name another folder")
+    return folder
+
+
+def _member(
+    mission: Mission, network: LossyNetwork, folder: Path, options: dict[str, Any], opened: ExitStack
+) -> Member:
+    table = table_of(mission)
+    assert table.id is not None
+    pilot = Pilot(mission.pilot_settings())
+    carrier = FrameCarrier(network.port(table.id), table.group, table.id)
+    onlookers = open_onlookers(mission, pilot, None, options | {"fleet_carrier": carrier}, opened)
+    try:
+        recorder = Recorder(folder / f"{table.id:02d}", mission.text, mission.file.log.max_mb)
+    except RecorderError as error:
+        raise Refused(str(error)) from None
+    opened.enter_context(closing(recorder))
+    return Member(mission, carrier, recorder, onlookers, pilot)
+
+
+def _start(member: Member, epoch_us: int) -> None:
+    recorder = member.recorder
+    assert isinstance(recorder, Recorder)
+    member.vehicle.tell_time(epoch_us / 1e6)
+    recorder.start(epoch_us, at_once=True)
+    member.onlookers.start(epoch_us)
+    member.alarms = AlarmLog(member.pilot, member.onlookers)
+    member.onlookers.attached.append(member.alarms)
+    with refusing(recorder.folder):
+        write_manifest(recorder.folder, member.mission, member.pilot, epoch_us)
+
+
+def _show_progress(flight: FleetFlight) -> None:
+    tracks = flight.tracks
+    if tracks.time[-1] % LINE_EVERY < 1e-6:
+        words = "  ".join(f"{state.name.lower().replace('_', ' '):9s}" for state in tracks.state[-1])
+        errors = [m.fleet.adjusted.error for m in flight.members if m.fleet.adjusted is not None]
+        known = [abs(error) for error in errors if error is not None]
+        worst = f"farthest from its slot {degrees(max(known)):.0f} deg" if known else ""
+        say(f"{tracks.time[-1]:7.0f} s  {words}  {worst}")
+
+
+def _close(member: Member, epoch_us: int) -> Exit:
+    """Write summary and manifest of a member. Return its exit code."""
+    outcome, recorder = member.pilot.mission.outcome, member.recorder
+    assert outcome is not None and isinstance(recorder, Recorder) and member.alarms is not None
+    code = EXITS[outcome.ending]
+    _, code = close_flight(
+        member.pilot, recorder, member.mission, epoch_us, code, member.alarms.begun, member.onlookers
+    )
+    return code
+
+
+def _keep(
+    folder: Path, path: str, flight: FleetFlight, found: FleetFigures, codes: Sequence[Exit], loss: float | None,
+    delay: float | None,
+) -> None:  # fmt: skip
+    """Write fleet.json and fleet.png. Raises Refused."""
+    members = [
+        {
+            "id": member.fleet.spacing.settings.member,
+            "folder": f"{member.fleet.spacing.settings.member:02d}",
+            "outcome": member.pilot.mission.outcome.reason if member.pilot.mission.outcome else "",
+            "exit": int(code),
+            "link": member.carrier.summary(),
+            "alarms": member.alarms.begun if member.alarms else [],
+        }
+        for member, code in zip(flight.members, codes, strict=True)
+    ]
+    with refusing(folder):
+        link = {"loss": loss or 0.0, "delay_s": delay or 0.0}
+        write_json(folder / "fleet.json", {"mission": path, "link": link, **found.plain(), "each": members})
+    try:
+        draw_fleet(flight.tracks, folder / "fleet.png")
+    except Exception as error:
+        say(f"  WARNING    {folder}/fleet.png could not be made: {error}")
+
+
+def _show(flight: FleetFlight, found: FleetFigures, folder: Path) -> None:
+    """Print the table of the fleet."""
+
+    def shown(value: float | None, unit: str, unknown: str = "unknown") -> str:
+        return unknown if value is None else f"{value:.1f} {unit}"
+
+    say(f"FLEET of {found.members} on {flight.tracks.radius:g} m")
+    say(f"  on circle   all after {shown(found.all_on_circle_s, 's', 'never')}")
+    say(f"  even        within 5 deg {shown(found.even_after_s, 's later', 'never')}")
+    say(f"  worst gap   {shown(found.worst_gap_deg, 'deg rms')}")
+    say(f"  radius      {shown(found.radius_rms_m, 'm rms')}, {shown(found.radius_spread_m, 'm')} about its own mean")
+    nearest = f"{shown(found.smallest_horizontal_m, 'm')} beside, {shown(found.smallest_vertical_m, 'm')} above"
+    say(f"  separation  {nearest}; too near (10 m above, 25 m beside): {found.too_near} pairs")
+    say("  member  end                          alarms  reports accepted, rejected")
+    for member in flight.members:
+        outcome, link = member.pilot.mission.outcome, member.carrier.summary()
+        alarms = len(member.alarms.begun) if member.alarms else 0
+        reason = outcome.reason if outcome else ""
+        say(
+            f"  {member.fleet.spacing.settings.member:6d}  {reason[:27]:27s}  {alarms:6d}  {link['accepted']:8d}"
+            f" {sum(link['rejected'].values()):9d}"
+        )
+    say(f"  fleet folder {folder}")

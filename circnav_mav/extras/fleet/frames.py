@@ -1,0 +1,77 @@
+"""Reports of members as MAVLink frames, and back.
+
+A report is one DEBUG_FLOAT_ARRAY: every log reader decodes it, and no autopilot acts on it. The sender's system id is
+its id within the group, its component id is COMPONENT, and `array_id` is the group. `time_usec` holds the stamp in
+microseconds, so that it does not pass through a 32-bit number. NAME ends in the version of the format.
+
+The other fields are 32-bit floats in the order of `_numbers`. The coarsest steps are 1 mm of height at 10 km, 0.25 ms
+of a lap of an hour, and 0.5 microradian of phase.
+"""
+
+from math import tau
+
+from pymavlink.dialects.v20 import all as dialect
+
+from circnav_mav.extras.fleet.report import MemberReport, State
+from circnav_mav.mav.codec import Message
+
+NAME = "circfleet1"
+COMPONENT = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
+MESSAGE = dialect.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY
+LONGEST_FRAME = 280
+"""Longest frame of MAVLink 2, with signature, bytes."""
+LATEST_STAMP = 1e13
+"""Greatest stamp, s, that `time_usec` is packed with: 64 bits hold more."""
+_LENGTH = 58
+_USED = 12
+_SENSES = {1.0: 1, -1.0: -1}
+
+
+def to_message(report: MemberReport) -> Message:
+    """Return a report as a message. The sender's ids are set by its encoder."""
+    numbers = _numbers(report)
+    stamp_us = round(min(max(report.stamp, 0.0), LATEST_STAMP) * 1e6)
+    data = [*numbers, *[0.0] * (_LENGTH - len(numbers))]
+    return dialect.MAVLink_debug_float_array_message(stamp_us, NAME.encode(), report.group, data)
+
+
+def is_report(message: Message) -> bool:
+    """True if a message holds a report in this version of the format."""
+    return bool(message.get_msgId() == MESSAGE and message.name == NAME)
+
+
+def from_message(message: Message) -> MemberReport:
+    """Return the report in a message. Raises ValueError if a state or sense does not exist."""
+    state, sense, phase, sigma, period, radius, east, north, ee, en, nn, height = message.data[:_USED]
+    if state not in tuple(State) or sense not in _SENSES:
+        raise ValueError(f"state {state:g} or sense {sense:g} does not exist")
+    return MemberReport(
+        group=message.array_id,
+        member=message.get_srcSystem(),
+        state=State(int(state)),
+        stamp=message.time_usec / 1e6,
+        # The greatest phase below a full circle is rounded up to 6.2831855 in 32 bits, beyond a full circle.
+        phase=phase % tau if 0 <= phase < tau + 1e-6 else phase,
+        phase_sigma=sigma,
+        lap_period=period,
+        radius=radius,
+        height=height,
+        sense=_SENSES[sense],
+        drift=(east, north),
+        drift_covariance=(ee, en, nn),
+    )
+
+
+def _numbers(report: MemberReport) -> list[float]:
+    """Return the fields in the order of the format. The height is last: trailing zero bytes are not sent."""
+    return [
+        float(report.state),
+        float(report.sense),
+        report.phase,
+        report.phase_sigma,
+        report.lap_period,
+        report.radius,
+        *report.drift,
+        *report.drift_covariance,
+        report.height,
+    ]

@@ -1,0 +1,77 @@
+"""What a mission allows its fleet, and the limits that `check` names."""
+
+from collections.abc import Iterator
+from math import degrees, pi, radians
+
+from circnav_mav.extras.fleet.law import SpacingSettings, evenness_floor, least_time_to_even
+from circnav_mav.extras.fleet.settings import FleetTable
+from circnav_mav.guidance.circle_change import CircleLimits, CircleRequest, obstacle
+from circnav_mav.guidance.types import Orbit
+from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check
+from circnav_mav.mission.mission import Mission
+
+GAP_SIGMAS = 4.0
+"""Gap, in standard deviations of the worst gap error, that a circle must leave between two members."""
+COMPASS_SIGMA = radians(2.0)
+"""Usual error of a compass after calibration, rad."""
+LEAST_GAP = 25.0
+"""Least distance of neighbors on the circle, m, that separates them without their layers."""
+LEAST_RATE = 1.0
+"""Least rate of ranges for one member, Hz, at which the relative motion is found."""
+MAX_ROOM = 25
+"""Room beside the circle that the fleet law uses at most, m."""
+AUTO_LAWS = ("auto", "drift")
+
+
+def spacing_settings(mission: Mission, member: int) -> SpacingSettings:
+    """Return the facts of a member. Only as much is modulated as the circle limits of the mission allow."""
+    orbit, kind = mission.orbit, mission.file.vehicle.kind
+    limits = mission.pilot_settings().circle_limits
+    settings = SpacingSettings(
+        member=member,
+        radius=orbit.radius,
+        speed=orbit.speed,
+        sense=orbit.direction.turn_sign,
+        by_speed=kind == "copter",
+        trims_speed=kind != "copter" and not limits.keeps_speed,
+    )
+    return settings.limited(_room(orbit, limits))
+
+
+def _room(orbit: Orbit, limits: CircleLimits) -> tuple[float, float]:
+    """Return how far inward and outward of the circle the mission may fly, m."""
+
+    def flyable(offset: float) -> bool:
+        return not obstacle(CircleRequest(offset=offset), orbit, limits)
+
+    inward = max((float(room) for room in range(MAX_ROOM + 1) if flyable(-room)), default=0.0)
+    outward = max((float(room) for room in range(MAX_ROOM + 1) if flyable(room)), default=0.0)
+    return inward, outward
+
+
+def fleet_limits(mission: Mission, table: FleetTable) -> Iterator[Check]:
+    """Yield how many members the circle carries, how even and how fast they get, and the ranging rate of each."""
+    assert table.id is not None
+    if mission.file.guidance.law not in AUTO_LAWS:
+        words = f'the law {mission.file.guidance.law} does not estimate the phase: set guidance.law = "auto"'
+        yield Check(FAIL, "fleet", words)
+    orbit, n = mission.orbit, table.size
+    settings = spacing_settings(mission, table.id)
+    by_distance = int(2 * pi * orbit.radius / LEAST_GAP)
+    too_many = (m for m in range(2, 256) if 2 * pi / m < GAP_SIGMAS * evenness_floor(m, COMPASS_SIGMA))
+    by_phase = next(too_many, 256) - 1
+    why = "by their compass errors" if by_phase < by_distance else f"{LEAST_GAP:g} m apart"
+    words = f"{n} members, at most {min(by_distance, by_phase)} on {orbit.radius:g} m {why}"
+    yield Check(FAIL if n > min(by_distance, by_phase) else PASS, "fleet size", words)
+    floor = f"worst gap {degrees(evenness_floor(n, COMPASS_SIGMA)):.1f} deg rms"
+    words = f"{floor} with compass errors of {degrees(COMPASS_SIGMA):g} deg"
+    if settings.most > 0:
+        seconds = least_time_to_even(n, orbit.speed / orbit.radius, settings.most)
+        yield Check(PASS, "fleet evenness", f"{words}; from one place even after {seconds:.0f} s at least")
+    else:
+        remedy = "enlarge orbit.radius_m or the bounds"
+        yield Check(FAIL, "fleet evenness", f"bounds and turn rate leave no room beside the circle: {remedy}")
+    rate = mission.file.ranging.rate_hz
+    words = f"a two-way beacon that gives one vehicle {rate:g} Hz gives each of {n} {rate / n:.1f} Hz"
+    grade = WARN if rate / n < LEAST_RATE else PASS
+    yield Check(grade, "fleet ranging", f"{words}: set ranging.rate_hz to what each one gets")

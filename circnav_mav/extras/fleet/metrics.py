@@ -1,0 +1,126 @@
+"""Figures of a fleet from its true tracks: evenness in time, separation, radius."""
+
+from dataclasses import asdict, dataclass
+from math import inf
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circnav_mav.extras.fleet.flight import SAMPLE_EVERY, Tracks
+from circnav_mav.extras.fleet.phase import LAP, PhaseMap
+from circnav_mav.extras.fleet.report import State
+
+EVEN = np.radians(5.0)
+"""Largest gap error of an even fleet, rad."""
+LASTS = 20.0
+"""Time, s, for which all gaps must be within EVEN."""
+NEAR_ABOVE, NEAR_BESIDE = 10.0, 25.0
+"""Vertical and horizontal distance, m, below which, both together, two members are too near each other."""
+MAX_DRIFT_CHANGE = 0.5
+"""Change of the true drift, m/s, from which on the true phase gets a new map."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class FleetFigures:
+    """Figures of one fleet. all_on_circle_s: time from the start until every member flew on the circle. even_after_s:
+    from then until all gaps were within 5 deg, for 20 s. worst_gap_deg: rms of the worst gap error after that.
+    radius_rms_m: of all members after that, about the circle of the mission. radius_spread_m: about the mean radius of
+    each. smallest_horizontal_m, smallest_vertical_m, smallest_distance_m: between any two. too_near: number of pairs
+    that were within 10 m vertically and 25 m horizontally.
+    """
+
+    members: int
+    all_on_circle_s: float | None
+    even_after_s: float | None
+    worst_gap_deg: float | None
+    radius_rms_m: float | None
+    radius_spread_m: float | None
+    smallest_horizontal_m: float | None
+    smallest_vertical_m: float | None
+    smallest_distance_m: float | None
+    too_near: int
+
+    def plain(self) -> dict[str, Any]:
+        """Return the figures for fleet.json."""
+        return {name: round(value, 2) if isinstance(value, float) else value for name, value in asdict(self).items()}
+
+
+def true_phases(tracks: Tracks) -> Array:
+    """Return the true temporal phase of every member at every sample, rad."""
+    east, north = np.array(tracks.east), np.array(tracks.north)
+    angle = np.arctan2(tracks.sense * north, east) % LAP
+    phases: Array = np.empty_like(angle)
+    phase_map, mapped = None, (inf, inf)
+    for i, drift in enumerate(tracks.drift):
+        if phase_map is None or np.hypot(drift[0] - mapped[0], drift[1] - mapped[1]) > MAX_DRIFT_CHANGE:
+            phase_map, mapped = PhaseMap.of(tracks.speed, drift, tracks.sense), drift
+        phases[i] = [phase_map.at(one)[0] for one in angle[i]]
+    return phases
+
+
+def gap_errors(tracks: Tracks) -> Array:
+    """Return the largest gap error of the members on the circle at every sample, rad; nan for fewer than two."""
+    found = []
+    for phases, states in zip(true_phases(tracks), tracks.state, strict=True):
+        ring = np.sort(phases[[state is State.ON_CIRCLE for state in states]])
+        gaps = np.diff(np.append(ring, ring[:1] + LAP))
+        found.append(np.max(np.abs(gaps - LAP / len(ring))) if len(ring) > 1 else np.nan)
+    return np.array(found)
+
+
+def even_from(errors: Array, first: int) -> int | None:
+    """Return the first sample from which on all gaps are within EVEN for LASTS; None if there is none."""
+    lasts, good = round(LASTS / SAMPLE_EVERY), errors <= EVEN
+    return next((k for k in range(first, len(good) - lasts) if good[k : k + lasts].all()), None)
+
+
+def figures(tracks: Tracks) -> FleetFigures:
+    """Return the figures of a fleet."""
+    states = np.array([[int(state) for state in row] for row in tracks.state]).reshape(len(tracks.time), -1)
+    whole = (states == State.ON_CIRCLE).all(axis=1)
+    first = int(np.argmax(whole)) if whole.any() else None
+    errors = gap_errors(tracks)
+    even = None if first is None else even_from(errors, first)
+    radius = np.hypot(np.array(tracks.east), np.array(tracks.north))
+    after = np.flatnonzero(whole) if even is None else np.flatnonzero(whole & (np.arange(len(whole)) >= even))
+    late = after if even is not None else after[len(after) * 2 // 3 :]
+    horizontal, vertical, distance, near = _separation(tracks)
+    return FleetFigures(
+        members=states.shape[1],
+        all_on_circle_s=None if first is None else tracks.time[first],
+        even_after_s=None if even is None or first is None else tracks.time[even] - tracks.time[first],
+        worst_gap_deg=float(np.degrees(np.sqrt(np.mean(errors[late] ** 2))))
+        if len(late) and states.shape[1] > 1
+        else None,
+        radius_rms_m=float(np.sqrt(np.mean((radius[late] - tracks.radius) ** 2))) if len(late) else None,
+        radius_spread_m=float(np.sqrt(np.mean(np.var(radius[late], axis=0)))) if len(late) else None,
+        smallest_horizontal_m=horizontal,
+        smallest_vertical_m=vertical,
+        smallest_distance_m=distance,
+        too_near=near,
+    )
+
+
+def _separation(tracks: Tracks) -> tuple[float | None, float | None, float | None, int]:
+    """Return the smallest horizontal, vertical and true distance of two steered members, and how many pairs were too
+    near each other."""
+    east, north, height = np.array(tracks.east), np.array(tracks.north), np.array(tracks.height)
+    flying = np.array(tracks.flying)
+    beside, above, apart, near = [], [], [], 0
+    for i in range(east.shape[1] if len(east) else 0):
+        for j in range(i):
+            both = flying[:, i] & flying[:, j]
+            if not both.any():
+                continue
+            flat = np.hypot(east[:, i] - east[:, j], north[:, i] - north[:, j])[both]
+            up = np.abs(height[:, i] - height[:, j])[both]
+            beside.append(flat.min())
+            above.append(up.min())
+            apart.append(np.hypot(flat, up).min())
+            near += bool(((flat < NEAR_BESIDE) & (up < NEAR_ABOVE)).any())
+    if not beside:
+        return None, None, None, 0
+    return float(min(beside)), float(min(above)), float(min(apart)), near

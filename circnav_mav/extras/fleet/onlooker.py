@@ -1,0 +1,292 @@
+"""One member of the fleet beside its pilot: reports out, reports in, and requests that space it.
+
+It reads the relative motion that the pilot steers by. It requests changes of radius and speed within narrow limits, and
+no other circle. Without reports from the others it requests nothing new, and the flight goes on as that of one vehicle.
+"""
+
+import io
+from collections.abc import Mapping, Sequence
+from math import degrees, isfinite, nan, pi
+from pathlib import Path
+from typing import Any
+
+from circnav_mav.cli.exits import Refused
+from circnav_mav.extras.fleet.carrier import MULTICAST, FleetLink, FrameCarrier, open_carrier
+from circnav_mav.extras.fleet.law import Adjustment, Own, Spacing
+from circnav_mav.extras.fleet.limits import spacing_settings
+from circnav_mav.extras.fleet.phase import LAP, Drift, PhaseMap, circle_angle, intersected
+from circnav_mav.extras.fleet.report import MemberReport, State
+from circnav_mav.extras.fleet.settings import FleetTable, table_of
+from circnav_mav.guidance.circle_change import CircleRequest
+from circnav_mav.guidance.types import RelativeMotion
+from circnav_mav.mission.mission import Mission
+from circnav_mav.pilot import Pilot, TickRecord
+from circnav_mav.pilot.conditions import Condition
+from circnav_mav.pilot.loop_step import LoopStep
+from circnav_mav.pilot.mission_state import Phase
+from circnav_mav.runtime.endpoint import LinkError
+from circnav_mav.runtime.keys import KeyFileError, read_key
+from circnav_mav.runtime.onlookers import Onlooker, OnlookerSettings
+
+STEP = 0.1
+"""Least time between two steps of the law, s."""
+REQUEST_EVERY, LEAST_OFFSET, LEAST_PACE = 0.5, 0.1, 0.002
+"""Least time between two requests, s, and the least change that is worth one, m and as a share of the speed."""
+MAP_EVERY = 1.0
+"""Time between two maps of the phase, s."""
+DRIFT_TIME = 10.0
+"""Time constant with which the drift of the map is smoothed, s: gusts do not change the lap."""
+LEAVE_AHEAD = 15.0
+"""Time before the end of the flight, s, from which on a member announces that it leaves."""
+FAREWELL = 1.0
+"""Time after the end, s, for which a member goes on to report that it leaves: some of the reports may be lost."""
+LAYER_SHARE = 0.5
+"""Height difference, in units of the layers' distance, below which two members are in one layer."""
+UNKNOWN_VARIANCE = 1e4
+"""Variance of an unknown drift, (m/s)^2."""
+COLUMNS = "time,state,phase_deg,phase_sigma_deg,error_deg,offset_m,pace,present,counted"
+
+
+def layer_lines(heights: Mapping[int, float], layer: float) -> list[str]:
+    """Return a line for each pair of members that are in one height layer. heights: above the target, m, by id. layer:
+    distance of the layers, m."""
+    known = sorted((member, height) for member, height in heights.items() if isfinite(height))
+    return [
+        f"fleet: members {one} and {other} are {abs(a - b):.0f} m apart in height, layers are {layer:g} m apart:"
+        " change the height of one"
+        for i, (one, a) in enumerate(known)
+        for other, b in known[i + 1 :]
+        if abs(a - b) < LAYER_SHARE * layer
+    ]
+
+
+FLEET_LINK = Condition("fleet_link", long="{found}")
+FLEET_LAYER = Condition("fleet_layer", long="{found}")
+
+
+class FleetOnlooker(Onlooker):
+    """A member of a fleet."""
+
+    name = "fleet"
+
+    def __init__(
+        self, mission: Mission, pilot: Pilot, table: FleetTable, carrier: FrameCarrier | None, *, lockstep: bool
+    ) -> None:
+        """carrier: None for a member that no other can receive. lockstep: True if stamps are simulated time."""
+        assert table.id is not None
+        self.spacing = Spacing(spacing_settings(mission, table.id))
+        self.carrier = carrier
+        self.state = State.SEARCH
+        self.adjusted: Adjustment | None = None
+        self._pilot, self._table, self._lockstep = pilot, table, lockstep
+        self._flies = mission.file.vehicle.kind != "rover"
+        self._speed = mission.orbit.speed
+        self._duration = mission.file.limits.duration_s
+        self._epoch = 0.0
+        self._drift: tuple[float, float] | None = None
+        self._airspeed = self._speed
+        self._covariance = (UNKNOWN_VARIANCE, 0.0, UNKNOWN_VARIANCE)
+        self._map: PhaseMap | None = None
+        self._map_at = self._stepped_at = float("-inf")
+        self._requested, self._requested_at = (0.0, 1.0), float("-inf")
+        self._own = Own(None, 0.0, nan)
+        self._over_at: float | None = None
+        self._now = 0.0
+        self._log = io.StringIO()
+
+    @property
+    def busy(self) -> bool:  # type: ignore[override]
+        """True for a short time after the end: the farewell is reported some times."""
+        return self._over_at is not None and self._now - self._over_at < FAREWELL
+
+    def start(self, epoch_us: int) -> None:
+        self._epoch = 0.0 if self._lockstep else epoch_us / 1e6
+
+    def on_step(self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None) -> Sequence[bytes]:
+        """Take in reports, find the own phase, and report it."""
+        self._now = now = step.time
+        if self._pilot.done and self._over_at is None:
+            self._over_at = now
+        if self.carrier is not None:
+            self.spacing.take(self.carrier.received(self._epoch + now))
+        if now - self._stepped_at < STEP - 1e-6:
+            return ()
+        dt, self._stepped_at = min(now - self._stepped_at, 1.0), now
+        if self.spacing.sense != self._sense:
+            self.spacing.sense, self._map = self._sense, None
+        self._find_phase(now, dt)
+        self.adjusted = self.spacing.step(self._epoch + now, self._own)
+        self.state = self.adjusted.state
+        if self.carrier is not None:
+            self.carrier.send(self.report(now))
+        self._note(now)
+        return ()
+
+    def take_exchanged(self) -> Sequence[bytes]:
+        """Return the frames of the fleet link, for the recorder."""
+        return self.carrier.take_frames() if self.carrier is not None else ()
+
+    def circle_requests(self, now: float) -> Sequence[CircleRequest]:
+        """Return the change of radius and speed that is wanted now, at most twice a second."""
+        adjusted = self.adjusted
+        steering = self._pilot.mission.phase is Phase.ENGAGED
+        if adjusted is None or not steering or now - self._requested_at < REQUEST_EVERY:
+            return ()
+        offset, pace = round(adjusted.offset, 2) + 0.0, round(adjusted.speed, 4)
+        before = self._requested
+        if abs(offset - before[0]) < LEAST_OFFSET and abs(pace - before[1]) < LEAST_PACE:
+            return ()
+        self._requested, self._requested_at = (offset, pace), now
+        return (CircleRequest(offset=offset, pace=pace, by="fleet"),)
+
+    def facts(self, now: float) -> Mapping[str, str]:
+        adjusted = self.adjusted
+        if adjusted is None:
+            return {}
+        present = len(self.spacing.present(self._epoch + now)) + 1
+        words = f"{self.state.name.lower().replace('_', ' ')}, {present} members, {len(adjusted.counted)} on the circle"
+        if adjusted.error is not None:
+            words += f": {degrees(adjusted.error):+.0f} deg behind the slot, {adjusted.offset:+.1f} m"
+        return {"fleet": words}
+
+    def alarms(self, now: float) -> Mapping[str, str]:
+        found: dict[str, str] = {}
+        if self.carrier is not None and (problems := self.carrier.alarms(self._epoch + now)):
+            found |= FLEET_LINK.alarm("; ".join(problems))
+        if lines := self.layer_alarms(now):
+            found |= FLEET_LAYER.alarm("; ".join(lines))
+        return found
+
+    def layer_alarms(self, now: float) -> list[str]:
+        """Return a line for each pair of members in one height layer: their alarm is everybody's."""
+        present = self.spacing.present(self._epoch + now)
+        heights = {member: report.height for member, report in present.items()}
+        height = self._pilot.tracker.height.at(now)
+        if height is not None:
+            heights[self.spacing.settings.member] = height
+        return layer_lines(heights, self._table.layer_m) if self._pilot.mission.steering and self._flies else []
+
+    def report(self, now: float) -> MemberReport:
+        """Return the own report."""
+        height, drift = self._pilot.tracker.height.at(now), self._own_drift()
+        return MemberReport(
+            group=self._table.group,
+            member=self.spacing.settings.member,
+            state=self.state,
+            stamp=self._epoch + now,
+            phase=self._own.phase or 0.0,
+            phase_sigma=min(max(self._own.phase_sigma, 1e-3), pi),
+            lap_period=self._lap_period(),
+            radius=self._pilot.controller.orbit.radius,
+            height=nan if height is None else height,
+            sense=self._sense,
+            drift=drift.mean,
+            drift_covariance=drift.covariance,
+        )
+
+    def finish(self, summary: dict[str, Any]) -> Mapping[str, str]:
+        carrier = self.carrier
+        summary["fleet"] = {
+            "group": self._table.group,
+            "id": self.spacing.settings.member,
+            "members": sorted({self.spacing.settings.member, *self.spacing.known}),
+            "trim": round(self.spacing.trim, 4),
+            "link": None if carrier is None else carrier.summary(),
+        }
+        return {"fleet.csv": f"{COLUMNS}\n{self._log.getvalue()}"}
+
+    def close(self) -> None:
+        if self.carrier is not None:
+            self.carrier.close()
+
+    # --- the own phase ------------------------------------------------------------------------------------------------
+
+    def _find_phase(self, now: float, dt: float) -> None:
+        pilot, estimate = self._pilot, self._pilot.estimate
+        relative = estimate.relative if estimate is not None else None
+        leaving = self._leaves(now)
+        if relative is None or not relative.trusted or not pilot.mission.steering or estimate is None:
+            self._own = Own(None, pi, nan if estimate is None else estimate.r, leaving)
+            return
+        self._follow(relative, now, dt)
+        assert self._map is not None
+        phase, rate = self._map.at(circle_angle(relative.x, relative.y, self._sense))
+        # The estimate is of the moment of the pilot's step. The loop may have gone on without one.
+        phase += LAP * (now - estimate.time) / self._lap_period()
+        sigma = relative.sigma / max(estimate.r, 1.0) * rate
+        self._own = Own(phase % LAP, sigma, estimate.r, leaving)
+
+    def _follow(self, relative: RelativeMotion, now: float, dt: float) -> None:
+        """Smooth the drift and the airspeed, and make a new map of the phase now and then."""
+        share = dt / (DRIFT_TIME + dt)
+        before = self._drift or (relative.drift_x, relative.drift_y)
+        self._drift = (
+            before[0] + share * (relative.drift_x - before[0]),
+            before[1] + share * (relative.drift_y - before[1]),
+        )
+        self._covariance = relative.drift_covariance or (UNKNOWN_VARIANCE, 0.0, UNKNOWN_VARIANCE)
+        self._airspeed += share * (relative.airspeed - self._airspeed)
+        if self._map is None or now - self._map_at >= MAP_EVERY:
+            drift = self._own_drift()
+            if self.state is not State.ON_CIRCLE:  # a joiner begins with what the others know of the drift
+                for report in self.spacing.present(self._epoch + now).values():
+                    if report.state is State.ON_CIRCLE:
+                        drift = intersected(drift, Drift(report.drift, report.drift_covariance))
+            self._map, self._map_at = PhaseMap.of(self._airspeed, drift.mean, self._sense), now
+
+    @property
+    def _sense(self) -> int:
+        """Sense of rotation of the circle that is flown now."""
+        return self._pilot.controller.circle.direction.turn_sign
+
+    def _own_drift(self) -> Drift:
+        if self._drift is None:
+            return Drift((0.0, 0.0), (UNKNOWN_VARIANCE, 0.0, UNKNOWN_VARIANCE))
+        ee, en, nn = self._covariance
+        return Drift(self._drift, (max(ee, 1e-6), en, max(nn, 1e-6)))
+
+    def _lap_period(self) -> float:
+        orbit = self._pilot.controller.orbit
+        if self._map is None:
+            return LAP * orbit.radius / orbit.speed
+        return self._map.lap_time * orbit.radius
+
+    def _leaves(self, now: float) -> bool:
+        """True if the vehicle is about to leave the circle, or is no longer ours."""
+        mission = self._pilot.mission
+        if mission.phase in (Phase.YIELDED, Phase.LEAVING, Phase.ENDED):
+            return True
+        return mission.engaged_at is not None and now - mission.engaged_at > self._duration - LEAVE_AHEAD
+
+    def _note(self, now: float) -> None:
+        own, adjusted = self._own, self.adjusted
+        assert adjusted is not None
+        phase = "" if own.phase is None else f"{degrees(own.phase):.2f}"
+        error = "" if adjusted.error is None else f"{degrees(adjusted.error):.2f}"
+        present = len(self.spacing.present(self._epoch + now)) + 1
+        self._log.write(
+            f"{now:.2f},{self.state.name.lower()},{phase},{degrees(own.phase_sigma):.2f},{error},"
+            f"{adjusted.offset:.2f},{adjusted.speed:.4f},{present},{len(adjusted.counted)}\n"
+        )
+
+
+def mission_carrier(table: FleetTable) -> FrameCarrier:
+    """Open the carrier that a mission names, signed with the key of the fleet. Raises Refused."""
+    assert table.id is not None
+    try:
+        key = None if table.key_file is None else read_key(Path(table.key_file))
+        link = FleetLink(MULTICAST, table.port, table.interface, tuple(table.peers or ()))
+        return open_carrier(link, table.group, table.id, key)
+    except (LinkError, KeyFileError) as error:
+        raise Refused(f"fleet: {error}") from None
+
+
+def join_fleet(given: OnlookerSettings) -> FleetOnlooker:
+    """Return the member beside the pilot. In simulated time only `circnav fly --fleet` brings a carrier: a real network
+    is slower than the simulation. Raises Refused."""
+    mission, table = given.mission, table_of(given.mission)
+    assert table.id is not None
+    carrier: FrameCarrier | None = given.options.get("fleet_carrier")
+    if carrier is None and not mission.flies_sim:
+        carrier = mission_carrier(table)
+    return FleetOnlooker(mission, given.pilot, table, carrier, lockstep=mission.flies_sim)

@@ -1,0 +1,90 @@
+"""Temporal phase: how far a vehicle is round its lap, measured in time, so that it grows steadily in any wind.
+
+A vehicle of constant airspeed is slow against the drift and fast along it. Members that are even in time are therefore
+uneven in angle. Angles are taken in the sense of rotation, from east, so that every circle is counter-clockwise here.
+"""
+
+from dataclasses import dataclass
+from math import atan2, hypot, pi
+from typing import NamedTuple
+
+import numpy as np
+
+LAP = 2 * pi
+POINTS = 120
+"""Points of the table of a lap. Linear interpolation between them is exact to 0.01 deg."""
+MAX_DRIFT_SHARE = 0.9
+"""Largest drift, in units of the airspeed, that the map takes: no circle can be flown in a faster one."""
+
+Pair = tuple[float, float]
+
+
+class Drift(NamedTuple):
+    """Estimate of wind minus target velocity: east, north, m/s, and its covariance ee, en, nn, (m/s)^2."""
+
+    mean: Pair
+    covariance: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseMap:
+    """Map from the angle on the circle to the temporal phase, for one drift. rate: of the phase by the angle, at the
+    points of the table. phase: at these points. lap_time: duration of a lap of radius 1 m, s."""
+
+    rate: np.ndarray
+    phase: np.ndarray
+    lap_time: float
+
+    @classmethod
+    def of(cls, airspeed: float, drift: Pair, sense: int) -> "PhaseMap":
+        """Return the map at an airspeed (m/s) and drift. sense: +1 counter-clockwise, -1 clockwise."""
+        east, north = drift[0], sense * drift[1]
+        excess = hypot(east, north) / (MAX_DRIFT_SHARE * airspeed)
+        if excess > 1:
+            east, north = east / excess, north / excess
+        angle = np.linspace(0.0, LAP, POINTS + 1)
+        along = -east * np.sin(angle) + north * np.cos(angle)
+        across = east * np.cos(angle) + north * np.sin(angle)
+        slowness = 1 / (along + np.sqrt(airspeed**2 - across**2))
+        passed = np.concatenate([[0.0], np.cumsum((slowness[1:] + slowness[:-1]) / 2)]) * (LAP / POINTS)
+        return cls(slowness * LAP / passed[-1], passed * LAP / passed[-1], float(passed[-1]))
+
+    def at(self, angle: float) -> tuple[float, float]:
+        """Return the temporal phase at an angle, rad, and its rate by the angle."""
+        place = angle % LAP * (POINTS / LAP)
+        index = min(int(place), POINTS - 1)
+        share = place - index
+        phase = self.phase[index] + share * (self.phase[index + 1] - self.phase[index])
+        rate = self.rate[index] + share * (self.rate[index + 1] - self.rate[index])
+        return float(phase) % LAP, float(rate)
+
+
+def circle_angle(x: float, y: float, sense: int) -> float:
+    """Return the angle on the circle of a position relative to the target (east, north), in the sense of rotation."""
+    return atan2(sense * y, x) % LAP
+
+
+def wrapped(angle: float) -> float:
+    """Return an angle in [-pi, pi)."""
+    return (angle + pi) % LAP - pi
+
+
+def intersected(one: Drift, other: Drift) -> Drift:
+    """Fuse two estimates whose correlation is unknown (covariance intersection, Julier and Uhlmann 1997).
+
+    The weight is the one of a few that leaves the least determinant.
+    """
+    a, b = _matrix(one), _matrix(other)
+    inverse_a, inverse_b = np.linalg.inv(a), np.linalg.inv(b)
+    fused = [(w, np.linalg.inv(w * inverse_a + (1 - w) * inverse_b)) for w in np.linspace(0.0, 1.0, 11)]
+    weight, covariance = min(fused, key=lambda choice: float(np.linalg.det(choice[1])))
+    mean = covariance @ (weight * inverse_a @ np.array(one.mean) + (1 - weight) * inverse_b @ np.array(other.mean))
+    return Drift(
+        (float(mean[0]), float(mean[1])),
+        (float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])),
+    )
+
+
+def _matrix(drift: Drift) -> np.ndarray:
+    ee, en, nn = drift.covariance
+    return np.array([[ee, en], [en, nn]])

@@ -1,0 +1,51 @@
+"""The report that every member of a fleet sends, and the interface of what carries it."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Protocol
+
+
+class State(IntEnum):
+    """Progress of a member: its phase is unknown; known; it flies on the circle; it is about to leave."""
+
+    SEARCH = 0
+    PHASE_KNOWN = 1
+    ON_CIRCLE = 2
+    LEAVING = 3
+
+
+@dataclass(frozen=True, slots=True)
+class MemberReport:
+    """State of one member at one moment.
+
+    group: 0 to 255. member: id within the group, 1 to 255. stamp: Unix time of the sender's companion computer, s; in
+    lockstep the simulated time. phase: temporal phase in the sense of rotation, rad, 0 to 2 pi. phase_sigma: its
+    standard deviation, rad. lap_period: s. radius: as commanded, m. height: above the target, m, nan if unknown. sense:
+    +1 counter-clockwise, -1 clockwise. drift: east, north, m/s. drift_covariance: ee, en, nn, (m/s)^2.
+    """
+
+    group: int
+    member: int
+    state: State
+    stamp: float
+    phase: float
+    phase_sigma: float
+    lap_period: float
+    radius: float
+    height: float
+    sense: int
+    drift: tuple[float, float]
+    drift_covariance: tuple[float, float, float]
+
+
+class Carrier(Protocol):
+    """Transport of reports between the companion computers of a fleet."""
+
+    def send(self, report: MemberReport) -> None:
+        """Send a report to every other member."""
+
+    def received(self, now: float) -> list[MemberReport]:
+        """Return the reports accepted since the last call. now: Unix time, or in lockstep the simulated time, s."""
+
+    def close(self) -> None:
+        """Release what was opened."""

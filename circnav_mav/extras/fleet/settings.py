@@ -1,0 +1,66 @@
+"""The mission table [fleet]. A mission of one vehicle imports nothing else of this package."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, cast
+
+from pydantic import Field
+
+from circnav_mav.mav.check_result import WARN, Check
+from circnav_mav.mission.mission import Mission
+from circnav_mav.mission.schema import Table
+from circnav_mav.runtime.onlookers import OnlookerSettings
+
+if TYPE_CHECKING:
+    from circnav_mav.extras.fleet.onlooker import FleetOnlooker
+
+LEAST_LAYER = 15.0
+"""Least distance of two height layers, m: twice the height error of a barometer in a turn, and the vehicles between."""
+PORT = 14560
+"""UDP port of the reports."""
+
+
+class FleetTable(Table):
+    """[fleet]: several vehicles on one circle. Without an id a vehicle flies alone."""
+
+    id: Annotated[int, Field(ge=1, le=255)] | None = None
+    group: Annotated[int, Field(ge=0, le=255)] = 0
+    layer_m: Annotated[float, Field(ge=LEAST_LAYER, le=500)] = LEAST_LAYER
+    size: Annotated[int, Field(ge=2, le=100)] = 6
+    peers: Annotated[list[str], Field(max_length=100)] | None = None
+    interface: str = ""
+    key_file: Annotated[str, Field(min_length=1)] | None = None
+    port: Annotated[int, Field(ge=1, le=65535)] = PORT
+
+
+def table_of(mission: Mission) -> FleetTable:
+    """Return the table of a mission."""
+    return cast(FleetTable, mission.file.fleet)  # type: ignore[attr-defined]
+
+
+def check_fleet(mission: Mission) -> Iterator[Check]:
+    """Name the limits of the fleet, where the mission has one."""
+    table = table_of(mission)
+    if table.id is not None:
+        from circnav_mav.extras.fleet.limits import fleet_limits
+
+        yield from fleet_limits(mission, table)
+    elif table != FleetTable():
+        yield Check(WARN, "fleet", "[fleet] without an id is without effect: give fleet.id, 1 to 255")
+
+
+def preflight_fleet(mission: Mission) -> Iterator[Check]:
+    """Listen to the other members, where the mission has a fleet."""
+    table = table_of(mission)
+    if table.id is not None and not mission.flies_sim:
+        from circnav_mav.extras.fleet.listening import listen_to_fleet
+
+        yield from listen_to_fleet(mission, table)
+
+
+def open_onlooker(given: OnlookerSettings) -> "FleetOnlooker | None":
+    """Return the member beside the pilot, None for a vehicle that flies alone. Raises Refused."""
+    if table_of(given.mission).id is None:
+        return None
+    from circnav_mav.extras.fleet.onlooker import join_fleet
+
+    return join_fleet(given)

@@ -1,0 +1,149 @@
+"""Kinematic fleet: turn-rate limit and lag of the vehicles, the product's drift law, and own places that are wrong by
+1 m. It has no MAVLink and no estimator: an upper bound of the quality of the fleet law."""
+
+from dataclasses import dataclass, field
+from math import atan2, cos, exp, hypot, pi, radians, sin, sqrt
+
+import numpy as np
+
+from circnav_mav.extras.fleet.law import Adjustment, Own, Spacing, SpacingSettings, gaps
+from circnav_mav.extras.fleet.phase import LAP, PhaseMap, circle_angle
+from circnav_mav.extras.fleet.report import MemberReport, State
+from circnav_mav.guidance.step import LawChoice, Steering
+from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate, RelativeMotion
+
+STEP, LAG, MAX_TURN = 0.1, 0.4, 0.35
+PLACE_SIGMA, PLACE_TIME = 1.0, 2.0
+
+
+@dataclass
+class World:
+    """Conditions of a fleet flight. drift: east, north, m/s. loss: share of reports. delay: s. report_every: s.
+    compass: bias of each member, rad. speeds: airspeed factor of each."""
+
+    n: int = 6
+    speed: float = 15.0
+    radius: float = 100.0
+    drift: tuple[float, float] = (0.0, 0.0)
+    loss: float = 0.0
+    delay: float = 0.0
+    report_every: float = 0.2
+    compass: list[float] = field(default_factory=list)
+    speeds: list[float] = field(default_factory=list)
+    by_speed: bool = False
+    trims_speed: bool = False
+    seed: int = 1
+    leaves: dict[int, float] = field(default_factory=dict)
+    joins: dict[int, float] = field(default_factory=dict)
+
+
+class Fleet:
+    """The fleet under way. phases, radii: true temporal phase (rad) and range (m) of each member by time step."""
+
+    def __init__(self, world: World) -> None:
+        self.world, self.rng = world, np.random.default_rng(world.seed)
+        n, R = world.n, world.radius
+        self.orbit = Orbit(R, Direction.COUNTERCLOCKWISE, world.speed, MAX_TURN)
+        angle = np.radians(12.0) * np.arange(n)
+        self.x, self.y = R * np.cos(angle), R * np.sin(angle)
+        self.psi, self.turn = angle + pi / 2, np.zeros(n)
+        self.wrong = PLACE_SIGMA * self.rng.normal(size=(2, n))
+        settings = [SpacingSettings(i + 1, R, world.speed, 1, world.by_speed, world.trims_speed) for i in range(n)]
+        self.spacings = [Spacing(one) for one in settings]
+        self.steerings = [Steering(self.orbit, LawChoice("drift", 0.0, True, LAG)) for _ in range(n)]
+        self.adjusted: list[Adjustment | None] = [None] * n
+        self.map = PhaseMap.of(world.speed, world.drift, 1)
+        self.mail: list[tuple[float, int, MemberReport]] = []
+        self.time, self.reported = 0.0, -1.0
+        self.speeds = np.array(world.speeds or [1.0] * n) * world.speed
+        self.compass = world.compass or [0.0] * n
+        self.phases: list[list[float]] = []
+        self.radii: list[list[float]] = []
+        self.ring: list[list[bool]] = []
+        self.nearest = float("inf")
+
+    def fly(self, seconds: float) -> "Fleet":
+        for _ in range(round(seconds / STEP)):
+            self._step()
+        return self
+
+    def active(self, i: int) -> bool:
+        world = self.world
+        return world.joins.get(i, 0.0) <= self.time < world.leaves.get(i, 1e9)
+
+    def _step(self) -> None:
+        world, n = self.world, self.world.n
+        keep = exp(-STEP / PLACE_TIME)
+        self.wrong = keep * self.wrong + PLACE_SIGMA * sqrt(1 - keep**2) * self.rng.normal(size=(2, n))
+        reports = self.time - self.reported >= world.report_every - 1e-9
+        if reports:
+            self.reported = self.time
+        for _, i, report in [one for one in self.mail if one[0] <= self.time]:
+            self.spacings[i].take([report])
+        self.mail = [one for one in self.mail if one[0] > self.time]
+        for i in range(n):
+            self._member(i, reports)
+        self.phases.append([self.map.at(atan2(self.y[i], self.x[i]))[0] for i in range(n)])
+        self.radii.append([hypot(self.x[i], self.y[i]) for i in range(n)])
+        self.ring.append([a is not None and a.state is State.ON_CIRCLE for a in self.adjusted])
+        self.time += STEP
+
+    def _member(self, i: int, reports: bool) -> None:
+        world = self.world
+        c, s = cos(self.compass[i]), sin(self.compass[i])
+        x, y = self.x[i] + self.wrong[0, i], self.y[i] + self.wrong[1, i]
+        x, y = c * x - s * y, s * x + c * y  # everything that it estimates is turned by its compass
+        drift = c * world.drift[0] - s * world.drift[1], s * world.drift[0] + c * world.drift[1]
+        phase, rate = PhaseMap.of(world.speed, drift, 1).at(circle_angle(x, y, 1))
+        sigma, r = PLACE_SIGMA / world.radius * rate, hypot(x, y)
+        adjusted = None
+        if self.active(i):
+            leaving = world.leaves.get(i, 1e9) - self.time < 20.0
+            adjusted = self.spacings[i].step(self.time, Own(phase, sigma, r, leaving))
+        self.adjusted[i] = adjusted
+        radius = world.radius + (adjusted.offset if adjusted else 5 * world.radius)
+        speed = self.speeds[i] * (adjusted.speed if adjusted else 1.0)
+        self.steerings[i].change(
+            Orbit(radius, Direction.COUNTERCLOCKWISE, world.speed, MAX_TURN), LawChoice("drift", 0.0, True, LAG)
+        )
+        psi = self.psi[i] + self.compass[i]
+        relative = RelativeMotion(x, y, PLACE_SIGMA, *drift, psi, self.turn[i], world.speed, 1.0, True)
+        r_dot = ((speed * cos(psi) + drift[0]) * x + (speed * sin(psi) + drift[1]) * y) / r
+        command = self.steerings[i](RangeEstimate(self.time, r, r_dot, 0.5, 0.3, relative=relative))
+        self.turn[i] += (command.turn_rate - self.turn[i]) * STEP / (LAG + STEP)
+        self.psi[i] += self.turn[i] * STEP
+        self.x[i] += (speed * cos(self.psi[i]) + world.drift[0]) * STEP
+        self.y[i] += (speed * sin(self.psi[i]) + world.drift[1]) * STEP
+        if reports and adjusted is not None:
+            period = self.map.lap_time * radius
+            report = MemberReport(
+                1, i + 1, adjusted.state, self.time, phase, sigma, period, radius, 15.0 * i, 1, drift, (1.0, 0.0, 1.0)
+            )
+            for other in range(world.n):
+                if other != i and self.rng.random() >= world.loss:
+                    self.mail.append((self.time + world.delay, other, report))
+
+    def gap_errors(self) -> np.ndarray:
+        """Largest gap error of the members on the circle at every step, deg; nan while there are fewer than two."""
+        found = []
+        for phases, ring in zip(self.phases, self.ring, strict=True):
+            on = [phase for phase, one in zip(phases, ring, strict=True) if one]
+            found.append(max(abs(gap - LAP / len(on)) for gap in gaps(on)) if len(on) > 1 else np.nan)
+        return np.degrees(np.array(found))
+
+
+def time_to_even(errors: np.ndarray, within: float = 5.0, since: float = 0.0, lasts: float = 20.0) -> float:
+    """Time since `since`, s, until all gaps are within some degrees for 20 s; infinite if they never are."""
+    first, hold = round(since / STEP), round(lasts / STEP)
+    ok = errors <= within
+    for k in range(first, len(ok) - hold):
+        if ok[k : k + hold].all():
+            return (k - first) * STEP
+    return float("inf")
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.nanmean(values**2)))
+
+
+__all__ = ["Fleet", "World", "radians", "rms", "time_to_even"]

@@ -1,0 +1,292 @@
+"""The carrier over real sockets on the loopback interface, the format of its frames, and their place in a recording."""
+
+import socket
+import struct
+from dataclasses import replace
+from math import isnan, nan, nextafter, pi, tau
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.extras.fleet.acceptance import BOUNDS, Rejection, check_numbers
+from circnav_mav.extras.fleet.carrier import (
+    MOST_DATAGRAMS,
+    MULTICAST,
+    FleetLink,
+    FrameCarrier,
+    LocalNetwork,
+    open_carrier,
+)
+from circnav_mav.extras.fleet.frames import from_message, to_message
+from circnav_mav.extras.fleet.recording import recorded_reports
+from circnav_mav.extras.fleet.report import State
+from circnav_mav.mav.codec import Encoder
+from circnav_mav.mission.load import load_mission
+from circnav_mav.pilot import Pilot
+from circnav_mav.pilot.loop_step import LoopStep
+from circnav_mav.runlog.loop_steps import recorded_steps, tlog_steps
+from circnav_mav.runlog.replay import replay, without_timeouts
+from circnav_mav.runlog.tlog import read_tlog
+from circnav_mav.runtime.endpoint import LinkError
+from circnav_mav.runtime.recorder import Recorder
+from tests.extras.fleet.reports import GROUP, KEY, NOON, frame, report
+
+LOOPBACK = "127.0.0.1"
+IP_AND_UDP = 28
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind((LOOPBACK, 0))
+        return probe.getsockname()[1]
+
+
+def decoded(data: bytes):
+    return mavlink.MAVLink(None).decode(bytearray(data))
+
+
+# --- the format ---
+
+
+@pytest.mark.parametrize(("key", "size"), [(None, 80), (KEY, 93)])
+def test_a_report_is_one_named_array_of_80_bytes_and_93_with_its_signature(key, size):
+    sent = frame(report(2, NOON), key)
+    message = decoded(sent)
+    assert len(sent) == size and message.get_type() == "DEBUG_FLOAT_ARRAY"
+    assert (message.name, message.array_id, message.get_srcSystem(), message.get_srcComponent()) == (
+        "circfleet1", GROUP, 2, 191,
+    )  # fmt: skip
+    assert 5 * (size + IP_AND_UDP) * 10 < 6100, "ten members at 5 Hz: 6 kB/s"
+
+
+def _between(name: str) -> st.SearchStrategy:
+    return st.floats(*BOUNDS[name], allow_nan=False)
+
+
+@given(
+    stamp=st.floats(0.0, 4e9),
+    state=st.sampled_from(State),
+    sense=st.sampled_from([1, -1]),
+    phase=st.floats(0.0, nextafter(tau, 0.0)),
+    numbers=st.tuples(*map(_between, ("phase_sigma", "lap_period", "radius", "height", "drift east", "drift north"))),
+    variances=st.tuples(_between("drift variance east"), _between("drift variance north")),
+    correlation=st.floats(-1.0, 1.0),
+)
+def test_every_field_survives_the_frame_with_the_precision_that_the_law_needs(
+    stamp, state, sense, phase, numbers, variances, correlation
+):
+    """Stamps to a microsecond; phases to a microradian, and below a full circle; the rest to 7 digits. What was within
+    bounds before is within bounds after."""
+    sigma, lap, radius, height, east, north = numbers
+    ee, nn = variances
+    one = report(
+        7, stamp, state=state, sense=sense, phase=phase, phase_sigma=sigma, lap_period=lap, radius=radius,
+        height=height, drift=(east, north), drift_covariance=(ee, correlation * (ee * nn) ** 0.5, nn),
+    )  # fmt: skip
+    back = from_message(decoded(Encoder(7, 191).encode(to_message(one))))
+    assert (back.group, back.member, back.state, back.sense) == (GROUP, 7, state, sense)
+    assert back.stamp == pytest.approx(stamp, abs=1e-6)
+    assert 0 <= back.phase < tau and abs((back.phase - phase + pi) % tau - pi) < 1e-6
+    for was, now in zip(
+        numbers, (back.phase_sigma, back.lap_period, back.radius, back.height, *back.drift), strict=True
+    ):
+        assert now == pytest.approx(was, rel=1e-7, abs=1e-30)
+    assert back.drift_covariance == pytest.approx(one.drift_covariance, rel=1e-7, abs=1e-30)
+    check_numbers(back)
+
+
+def test_an_unknown_height_stays_unknown():
+    assert isnan(from_message(decoded(frame(report(2, NOON, height=nan)))).height)
+
+
+# --- sockets ---
+
+
+@pytest.mark.parametrize("key", [None, KEY], ids=["unsigned", "signed"])
+@pytest.mark.parametrize("way", ["multicast", "peers"])
+def test_three_members_receive_each_other_and_not_themselves(way, key):
+    ports = [free_port() for _ in range(3)]
+    if way == "multicast":
+        links = [FleetLink(port=ports[0], interface=LOOPBACK)] * 3
+    else:
+        peers = [tuple(f"{LOOPBACK}:{port}" for port in ports if port != own) for own in ports]
+        links = [FleetLink(port=own, peers=others) for own, others in zip(ports, peers, strict=True)]
+    members = [open_carrier(link, GROUP, ident, key) for ident, link in enumerate(links, 1)]
+    received = []
+    for ident, member in enumerate(members, 1):
+        member.send(report(ident, NOON))
+    for member in members:
+        received.append([one.member for one in member.received(NOON)])
+    assert received == [[2, 3], [1, 3], [1, 2]]
+    for member in members:
+        assert not member.alarms(NOON) and not member.summary()["rejected"] and len(member.take_frames()) == 3
+        member.close()
+        member.send(report(1, NOON + 1))
+        assert member.received(NOON + 1) == [], "a closed carrier does nothing"
+
+
+def test_datagrams_leave_this_network_by_no_router():
+    member = open_carrier(FleetLink(port=free_port(), interface=LOOPBACK), GROUP, 1)
+    opened = member._port._socket
+    assert opened.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL) == 1
+    member.close()
+
+
+@pytest.mark.parametrize("start", [0.0, NOON])
+def test_reports_leave_at_5_hz_at_most_and_signed_ones_are_accepted_in_simulated_time_too(start):
+    network = LocalNetwork()
+    sender, receiver = (FrameCarrier(network.port(one), GROUP, one, KEY) for one in (1, 2))
+    stamps = []
+    for step in range(200):  # a loop at 20 Hz, 10 s
+        sender.send(report(1, start + 0.05 * step))
+        stamps += [one.stamp for one in receiver.received(start + 0.05 * step)]
+    assert stamps == pytest.approx([start + 0.2 * n for n in range(50)]) and not receiver.acceptance.rejected
+
+
+def test_only_finite_reports_of_the_member_itself_within_bounds_leave():
+    network = LocalNetwork()
+    sender, receiver = (FrameCarrier(network.port(one), GROUP, one) for one in (1, 2))
+    for wrong in ({"phase": nan}, {"radius": 1e9}, {"drift": (nan, 0.0)}, {"group": 9}, {"member": 4}):
+        sender.send(replace(report(1, NOON + 20), **wrong))
+        assert receiver.received(NOON + 20) == [] and "own report is not sent" in sender.alarms(NOON + 20)[0]
+    sender.send(report(1, NOON - 3600))
+    sender.send(report(1, NOON - 7200))
+    assert sender.sent == 2, "a clock that was set back does not stop the reports"
+
+
+@pytest.mark.parametrize("interface", ["absent0", "10.99.99.99"])
+def test_a_missing_network_is_one_alarm_and_is_tried_again(interface, monkeypatch):
+    """As a radio that is plugged in later: then reports are sent and received, without a restart."""
+    port = free_port()
+    member = open_carrier(FleetLink(port=port, interface=interface), GROUP, 1)
+    for step in range(20):
+        member.send(report(1, NOON + 0.2 * step))
+        assert member.received(NOON + 0.2 * step) == []
+    (alarm,) = member.alarms(NOON + 4)
+    assert interface in alarm and member.sent == 0
+    member._port._link = FleetLink(port=port, interface=LOOPBACK)  # the interface appears
+    other = open_carrier(FleetLink(port=port, interface=LOOPBACK), GROUP, 2)
+    for step in range(40, 60):
+        member.send(report(1, NOON + 0.2 * step))
+        other.received(NOON + 0.2 * step)
+    assert other.acceptance.accepted >= 9 and not member.alarms(NOON + 20)
+    member.close()
+    other.close()
+
+
+def test_a_socket_that_fails_in_flight_is_opened_again_and_never_raises():
+    port = free_port()
+    members = [open_carrier(FleetLink(port=port, interface=LOOPBACK), GROUP, one) for one in (1, 2)]
+    members[0]._port._socket.close()  # every call on it raises from now on
+    accepted = []
+    for step in range(50):
+        now = NOON + 0.2 * step
+        for ident, member in enumerate(members, 1):
+            member.send(report(ident, now))
+        accepted += [step for _ in members[0].received(now)]
+        members[1].received(now)
+    assert members[0].sent >= 35 and len(accepted) >= 35 and not members[0].alarms(now)
+    for member in members:
+        member.close()
+
+
+def test_a_membership_that_was_lost_without_an_error_is_found_by_silence():
+    """As of a radio that was unplugged and came back: the socket still sends, and receives nothing."""
+    port = free_port()
+    members = [open_carrier(FleetLink(port=port, interface=LOOPBACK), GROUP, one) for one in (1, 2)]
+    membership = socket.inet_aton(MULTICAST) + socket.inet_aton(LOOPBACK)
+    members[0]._port._socket.setsockopt(socket.IPPROTO_IP, socket.IP_DROP_MEMBERSHIP, membership)
+    accepted = []
+    for step in range(50):
+        now = NOON + 0.2 * step
+        for ident, member in enumerate(members, 1):
+            member.send(report(ident, now))
+        accepted += [step for _ in members[0].received(now)]
+        members[1].received(now)
+    assert 25 <= accepted[0] <= 30 and accepted[-1] == 49
+    for member in members:
+        member.close()
+
+
+def test_a_flood_costs_a_bounded_step_and_the_next_report_is_received():
+    """The loopback interface carries 1000 datagrams of noise to every member; the socket keeps what it has room for."""
+    port = free_port()
+    members = [open_carrier(FleetLink(port=port, interface=LOOPBACK), GROUP, one) for one in (1, 2)]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as attacker:
+        attacker.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(LOOPBACK))
+        for n in range(1000):
+            attacker.sendto(struct.pack(">I", n) * 20, (MULTICAST, port))
+    steps = 0
+    while (before := members[0].acceptance.rejected[Rejection.MALFORMED]) >= 0:
+        members[0].received(NOON)
+        taken = members[0].acceptance.rejected[Rejection.MALFORMED] - before
+        assert taken <= MOST_DATAGRAMS
+        steps += 1
+        if not taken:
+            break
+    assert 2 <= steps < 20 and any("flood" in one for one in members[0].alarms(NOON))
+    members[1].send(report(2, NOON))
+    assert [one.member for one in members[0].received(NOON)] == [2]
+    for member in members:
+        member.close()
+
+
+@pytest.mark.parametrize(
+    ("link", "words"),
+    [
+        (FleetLink(address="10.0.0.1"), "is no IPv4 multicast address: write one such as 239.255.145.51"),
+        (FleetLink(peers=("10.0.0.2",)), "'10.0.0.2': write HOST:PORT"),
+        (FleetLink(peers=("[::1]:14560", "10.0.0.2:14560")), "use either IPv4 or IPv6 for all of them"),
+    ],
+)
+def test_an_endpoint_that_can_never_work_is_refused_in_one_line(link, words):
+    with pytest.raises(LinkError, match=words.replace("[", r"\[")) as refused:
+        open_carrier(link, GROUP, 1)
+    assert "\n" not in str(refused.value)
+
+
+# --- the recording ---
+
+
+def test_reports_are_in_the_tlog_without_signatures_and_are_read_back(tmp_path):
+    """Between the frames of the vehicle's link, which are exactly as before."""
+    network = LocalNetwork()
+    members = [FrameCarrier(network.port(one), GROUP, one, KEY) for one in (1, 2)]
+    recorder = Recorder(tmp_path / "run", "")
+    recorder.start(round(NOON * 1e6), at_once=True)
+    steps = []
+    for n in range(9):
+        heard = Encoder(1, 1).encode(mavlink.MAVLink_attitude_message(n, 0, 0, 0, 0, 0, 0))
+        for ident, member in enumerate(members, 1):
+            member.send(report(ident, NOON + n))
+        assert members[0].received(NOON + n)
+        steps.append(LoopStep(float(n), [("vehicle", "v0", [heard])], exchanged=members[0].take_frames()))
+        recorder.step(steps[-1])
+    recorder.close()
+    assert recorder.problem is None
+    back = list(recorded_steps(recorder.folder))
+    assert [one.frames_heard for one in back] == [one.frames_heard for one in steps]
+    assert [one.exchanged for one in back] == [one.exchanged for one in steps] and len(back) == 9
+    read = list(recorded_reports(recorder.folder / "flight.tlog"))
+    assert [(at, one.member, one.stamp) for at, one in read] == [
+        (NOON + n, m, NOON + n) for n in range(9) for m in (1, 2)
+    ]
+
+
+def test_a_replay_of_a_plain_tlog_is_the_same_with_and_without_the_reports_in_it(flown, tmp_path):
+    """Even under the ids of the vehicle and of its radio: no report steers, identifies a vehicle or counts as a sign of
+    life."""
+    plain, mixed = flown / "flight.tlog", tmp_path / "mixed.tlog"
+    with mixed.open("wb") as out:
+        for n, (stamp, one) in enumerate(read_tlog(plain)):
+            out.write(struct.pack(">Q", stamp) + one)
+            if one[6] == 191 or n % 10:  # a stamp at which nothing was received is no step of a plain tlog
+                continue
+            for ids in ((1, 1), (1, 192), (1, 191), (7, 191), (255, 190)):
+                out.write(struct.pack(">Q", stamp) + Encoder(*ids).encode(to_message(report(ids[0], stamp / 1e6))))
+    settings = without_timeouts(load_mission(flown / "mission.toml").pilot_settings())
+    done = [replay(Pilot(settings), tlog_steps(log, 191), ticking=True) for log in (plain, mixed)]
+    assert done[1].frames > done[0].frames and done[0].setpoints
+    assert done[0].sent == done[1].sent and done[0].ticks == done[1].ticks

@@ -1,0 +1,142 @@
+"""Whole fleets on the emulator, in lockstep: spacing with estimated drift, takeovers, silence, layers, run folders."""
+
+import json
+import os
+import subprocess
+import sys
+from math import degrees
+
+import numpy as np
+import pytest
+
+from circnav_mav.extras.fleet.flight import bare_fleet
+from circnav_mav.extras.fleet.metrics import figures
+from circnav_mav.extras.fleet.report import State
+from circnav_mav.mission.load import load_mission
+from circnav_mav.pilot import Ending, Pilot
+from circnav_mav.runlog.loop_steps import recorded_steps
+from circnav_mav.runlog.replay import replay
+from tests.process import ROOT
+
+COPTER, PLANE = ROOT / "config" / "arducopter.toml", ROOT / "config" / "arduplane.toml"
+NEAR = ("sim.start.north_m=45", "sim.start.east_m=-20")
+
+
+@pytest.fixture(scope="module")
+def three():
+    """Three copters. The operator takes member 2 over at 100 s. From 110 s on no member receives a report."""
+    takeover = ('sim.events=[{at_s=100.0, action="mode", mode="LOITER"}]',)
+    flight = bare_fleet(
+        COPTER,
+        3,
+        (*NEAR, "limits.duration_s=150"),
+        lambda member: takeover if member == 2 else (),
+    )
+    seen = {}
+
+    def watch(flight):
+        now = flight.tracks.time[-1]
+        if now >= 110.0:
+            flight.network.cut = {1, 2, 3}
+        for at in (98.0, 104.0):
+            if at not in seen and now >= at:
+                seen[at] = [
+                    (m.fleet.state, m.fleet.adjusted, m.pilot.controller.orbit, m.fleet.facts(now), m.pilot.mission)
+                    for m in flight.members
+                ]
+
+    return flight.fly(watch=watch), seen
+
+
+def test_copters_are_even_with_estimated_drift_and_in_their_layers(three):
+    flight, seen = three
+    adjusted = [one[1] for one in seen[98.0]]
+    assert all(state is State.ON_CIRCLE for state, *_ in seen[98.0])
+    assert max(abs(degrees(one.error)) for one in adjusted) < 5.0
+    found = figures(flight.tracks)
+    assert found.smallest_vertical_m > 10.0
+    assert found.too_near == 0
+
+
+def test_the_takeover_of_one_moves_no_other_and_closes_its_gap(three):
+    flight, seen = three
+    one, two, three_ = seen[104.0]
+    assert two[0] is State.LEAVING
+    assert flight.members[1].pilot.mission.outcome.ending is Ending.ABORTED
+    for other in (one, three_):
+        assert other[0] is State.ON_CIRCLE
+        assert len(other[1].counted) == 2
+    assert [m.pilot.mission.outcome.ending for m in flight.members] == [
+        Ending.COMPLETED,
+        Ending.ABORTED,
+        Ending.COMPLETED,
+    ]
+
+
+def test_without_reports_everyone_keeps_the_circle_of_its_mission(three):
+    flight, _ = three
+    time = np.array(flight.tracks.time)
+    radius = np.hypot(flight.tracks.east, flight.tracks.north)
+    silent = (time > 122.0) & (time < 134.0)
+    assert np.abs(radius[silent][:, [0, 2]] - 30.0).max() < 1.0
+    assert not any(member.onlookers.problems for member in flight.members)
+
+
+def test_two_in_one_layer_are_an_alarm_for_all():
+    flight = bare_fleet(
+        COPTER,
+        3,
+        NEAR,
+        lambda member: ("sim.start.altitude_m=16", "orbit.height_above_target_m=16") if member == 2 else (),
+    )
+    flight.fly(25.0)
+    for member in flight.members:
+        assert "members 1 and 2 are 1 m apart in height" in member.onlookers.alarms(25.0)["fleet_layer"]
+
+
+def test_six_planes_from_one_place_are_even_in_time():
+    overrides = (
+        *("vehicle.speed_mps=15", "sim.vehicle.cruise_speed_mps=15.0", "sim.start.speed_mps=15.0"),
+        *("orbit.radius_m=100", "limits.duration_s=150", "sim.start.north_m=150", "sim.start.east_m=-80"),
+    )
+    found = figures(bare_fleet(PLANE, 6, overrides, loss=0.3).fly().tracks)
+    assert found.even_after_s < 110.0
+    assert found.worst_gap_deg < 4.0
+    assert found.too_near == 0
+    assert found.radius_rms_m < 2.0
+
+
+def test_one_command_flies_a_fleet_and_every_member_replays_byte_for_byte(tmp_path):
+    command = [sys.executable, "-m", "circnav_mav", "fly", "copter", "--fleet", "2", "--duration", "45"]
+    command += ["--out", "fleet", "--fleet-loss", "0.2"]
+    flown = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=_environment(), check=False)
+    assert flown.returncode == 0, flown.stderr
+    assert "FLEET of 2 on 30 m" in flown.stdout
+    fleet = json.loads((tmp_path / "fleet" / "fleet.json").read_text())
+    assert [one["outcome"] for one in fleet["each"]] == ["flown to its end"] * 2
+    assert (tmp_path / "fleet" / "fleet.png").stat().st_size > 10_000
+    for member in ("01", "02"):
+        folder = tmp_path / "fleet" / member
+        steps = list(recorded_steps(folder))
+        spaced = [request for step in steps for request in step.requests if request.offset is not None]
+        assert spaced
+        mission = load_mission(folder / "mission.toml")
+        done = replay(Pilot(mission.pilot_settings()), steps)
+        assert done.identical
+        assert json.loads((folder / "summary.json").read_text())["desired_radius_m"] == 30.0
+
+
+def test_a_flight_of_one_vehicle_imports_nothing_of_the_fleet_but_its_keys(tmp_path):
+    script = (
+        "import sys; from circnav_mav.cli.fly import fly_mission; "
+        "fly_mission(sys.argv[1], endpoint=None, overrides=(), speed=None, duration=1.0, out='run', dry_run=False, "
+        "shadow=False, web=None, fleet=None, fleet_loss=None, fleet_delay=None); "
+        "print(sorted(n for n in sys.modules if n.startswith('circnav_mav.extras.fleet.')))"
+    )
+    command = [sys.executable, "-c", script, str(COPTER)]
+    flown = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=_environment(), check=True)
+    assert flown.stdout.splitlines()[-1] == "['circnav_mav.extras.fleet.commands', 'circnav_mav.extras.fleet.settings']"
+
+
+def _environment():
+    return os.environ | {"PYTHONPATH": str(ROOT)}

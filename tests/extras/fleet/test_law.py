@@ -1,0 +1,141 @@
+"""The fleet law on kinematic vehicles: the figures of the design, and what each member counts."""
+
+from math import nan, pi, radians
+
+import numpy as np
+import pytest
+
+from circnav_mav.extras.fleet.law import SILENT, Own, Spacing, SpacingSettings, gaps, slot_errors
+from circnav_mav.extras.fleet.phase import LAP, Drift, PhaseMap, intersected
+from circnav_mav.extras.fleet.report import MemberReport, State
+from tests.extras.fleet.kinematic import STEP, Fleet, World, rms, time_to_even
+
+
+def report(member, phase, stamp=0.0, state=State.ON_CIRCLE, sigma=0.01, sense=1):
+    return MemberReport(1, member, state, stamp, phase, sigma, 40.0, 100.0, 0.0, sense, (0.0, 0.0), (1.0, 0.0, 1.0))
+
+
+def spacing(member=1):
+    return Spacing(SpacingSettings(member, 100.0, 15.0, 1))
+
+
+# --- phase ---
+
+
+@pytest.mark.parametrize("drift", [(0.0, 0.0), (5.0, 0.0), (-4.0, 7.0)])
+@pytest.mark.parametrize("sense", [1, -1])
+def test_the_temporal_phase_of_a_constant_airspeed_grows_steadily_in_any_wind(drift, sense):
+    speed, radius, dt, angle, found = 15.0, 100.0, 0.01, 0.3, []
+    phases = PhaseMap.of(speed, drift, sense)
+    east, north = drift[0], sense * drift[1]
+
+    def rate(angle):
+        along, across = -east * np.sin(angle) + north * np.cos(angle), east * np.cos(angle) + north * np.sin(angle)
+        return (along + np.sqrt(speed**2 - across**2)) / radius
+
+    for _ in range(8000):
+        found.append(phases.at(angle)[0])
+        angle += dt * rate(angle + dt / 2 * rate(angle))
+    grown = found[0] + LAP / (phases.lap_time * radius) * dt * np.arange(8000)
+    assert np.abs(np.unwrap(found) - grown).max() < 1e-3
+
+
+def test_the_drifts_of_two_members_are_fused_without_counting_what_they_share_twice():
+    good_east, good_north = Drift((5.0, 0.0), (0.01, 0.0, 4.0)), Drift((9.0, 2.0), (4.0, 0.0, 0.01))
+    fused = intersected(good_east, good_north)
+    assert fused.mean == pytest.approx((5.0, 2.0), abs=0.1)
+    again = intersected(fused, fused)
+    assert again.covariance == pytest.approx(fused.covariance)
+
+
+# --- slots ---
+
+
+def test_the_slots_do_not_depend_on_where_the_ring_is_cut():
+    rng = np.random.default_rng(1)
+    phases = dict(enumerate(rng.uniform(0, LAP, 7), 1))
+    errors = slot_errors(phases)
+    for turn in (0.4, 2.0, 5.5):
+        turned = slot_errors({member: (phase + turn) % LAP for member, phase in phases.items()})
+        assert all(turned[member] == pytest.approx(errors[member]) for member in phases)
+    even = gaps(phases[member] + errors[member] for member in phases)
+    assert even == pytest.approx([LAP / 7] * 7)
+    assert sum(errors.values()) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_two_members_at_one_place_keep_one_order_whatever_the_noise():
+    for noise in (-0.02, 0.0, 0.02):
+        errors = slot_errors({1: 1.0, 2: 1.0 + noise, 3: 3.0})
+        assert errors[1] < errors[2]
+
+
+def test_a_silent_member_is_extrapolated_and_after_10_s_no_longer_counted():
+    one = spacing()
+    one.take([report(2, 1.0), report(3, 3.0, stamp=8.0)])
+    assert one.phases(4.0)[2] == pytest.approx(1.0 + LAP * 4.0 / 40.0)
+    assert set(one.phases(SILENT + 0.1)) == {3}
+
+
+def test_members_that_are_unsure_leaving_joining_or_turn_the_other_way_are_not_counted():
+    one = spacing()
+    one.take([report(2, 1.0), report(3, 2.0, sigma=1.2), report(4, 3.0, state=State.LEAVING)])
+    one.take([report(5, 4.0, state=State.PHASE_KNOWN), report(6, 5.0, sense=-1)])
+    assert set(one.phases(0.0)) == {2}
+
+
+def test_who_joins_an_even_ring_waits_in_the_outer_lane_for_a_gap():
+    one = spacing(9)
+    one.take([report(member, LAP * member / 5) for member in range(5)])
+    beside = one.step(0.0, Own(LAP / 5 + 0.1, 0.01, 125.0))
+    assert (beside.state, beside.offset) == (State.PHASE_KNOWN, 25.0)
+    between = one.step(0.1, Own(1.5 * LAP / 5, 0.01, 125.0))
+    assert between.state is State.ON_CIRCLE
+    assert abs(between.offset) < 20.0
+
+
+def test_a_member_alone_flies_the_circle_of_its_mission_at_its_speed():
+    one = spacing()
+    one.trim = 0.05
+    for step in range(3000):
+        last = one.step(0.1 * step, Own(0.01 * step % LAP, 0.01, 100.0))
+    assert (last.offset, last.speed) == (pytest.approx(0.0, abs=0.01), 1.0)
+    assert one.step(301.0, Own(None, pi, nan)).state is State.SEARCH
+
+
+# --- flights of kinematic vehicles: no worse than the figures of the design ---
+
+
+@pytest.mark.parametrize(("n", "seconds"), [(3, 86.0), (6, 95.0), (10, 86.0)])
+def test_members_from_one_place_are_even_within_the_time_that_physics_allow(n, seconds):
+    errors = Fleet(World(n=n)).fly(160).gap_errors()
+    assert time_to_even(errors) < seconds
+    assert rms(errors[-400:]) < 2.0
+
+
+def test_a_third_of_the_speed_as_wind_and_few_reports_with_30_percent_loss_change_little():
+    errors = Fleet(World(drift=(5.0, 0.0), loss=0.3, report_every=1.0)).fly(180).gap_errors()
+    assert time_to_even(errors) < 120.0
+    assert rms(errors[-400:]) < 3.5
+
+
+def test_different_airspeeds_leave_no_lasting_error():
+    rng = np.random.default_rng(5)
+    errors = Fleet(World(speeds=list(1 + 0.03 * rng.normal(size=6)))).fly(260).gap_errors()
+    assert rms(errors[-400:]) < 2.5
+
+
+def test_the_error_of_the_compasses_is_the_floor():
+    biases = radians(2.0) * np.array([1.0, -1.0, 0.5, -0.5, 1.0, 0.0])
+    errors = Fleet(World(compass=list(biases))).fly(180).gap_errors()
+    assert rms(errors[-400:]) == pytest.approx(4.0, abs=1.2)
+
+
+def test_after_one_has_left_the_others_are_even_again_in_80_s():
+    fleet = Fleet(World(leaves={2: 150.0})).fly(260)
+    assert time_to_even(fleet.gap_errors(), since=131.0 + 2 * STEP) < 80.0
+
+
+def test_copters_space_themselves_by_speed_and_keep_their_radius():
+    fleet = Fleet(World(n=4, speed=5.0, radius=30.0, by_speed=True)).fly(160)
+    assert time_to_even(fleet.gap_errors()) < 128.0
+    assert np.std(np.array(fleet.radii)[-400:]) < 1.0

@@ -1,0 +1,68 @@
+"""What `check` and `preflight` find out about a fleet before it flies."""
+
+from math import nan
+
+import pytest
+
+from circnav_mav.extras.fleet.acceptance import Rejection
+from circnav_mav.extras.fleet.limits import spacing_settings
+from circnav_mav.extras.fleet.listening import judge_fleet
+from circnav_mav.extras.fleet.report import MemberReport, State
+from circnav_mav.extras.fleet.settings import check_fleet, table_of
+from circnav_mav.mav.check_result import Grade
+from circnav_mav.mission.load import MissionError, load_mission
+from tests.process import ROOT
+
+
+def mission(*overrides, name="arduplane"):
+    return load_mission(ROOT / "config" / f"{name}.toml", ("fleet.id=1", *overrides))
+
+
+def lines(*overrides, name="arduplane"):
+    return {line.subject: line for line in check_fleet(mission(*overrides, name=name))}
+
+
+def test_check_names_size_evenness_and_ranging_rate():
+    found = lines("vehicle.speed_mps=15", "orbit.radius_m=100")
+    assert "6 members, at most 13 on 100 m by their compass errors" in found["fleet size"].says
+    assert "worst gap 5.4 deg rms" in found["fleet evenness"].says
+    assert "10 Hz gives each of 6 1.7 Hz" in found["fleet ranging"].says
+    assert all(line.grade is Grade.PASS for line in found.values())
+
+
+def test_too_many_members_another_law_and_no_room_beside_the_circle_are_refused():
+    assert lines("fleet.size=40")["fleet size"].grade is Grade.FAIL
+    assert lines('guidance.law="smooth"')["fleet"].grade is Grade.FAIL
+    assert lines("bounds.min_range_m=149.5")["fleet evenness"].grade is Grade.FAIL
+    assert lines("fleet.size=20")["fleet ranging"].grade is Grade.WARN
+
+
+def test_a_vehicle_of_constant_airspeed_is_spaced_by_radius_and_a_copter_by_speed():
+    plane, copter = spacing_settings(mission(), 1), spacing_settings(mission(name="arducopter"), 1)
+    assert (plane.by_speed, plane.trims_speed, copter.by_speed) == (False, False, True)
+    assert spacing_settings(mission("bounds.min_range_m=140"), 1).most == pytest.approx(9 / 150)
+
+
+def test_layers_below_15_m_are_refused_with_the_key():
+    with pytest.raises(MissionError, match=r"fleet\.layer_m: must be at least 15, not 5"):
+        mission("fleet.layer_m=5.0")
+
+
+@pytest.mark.parametrize(
+    ("height", "rejected", "problems", "failed"),
+    [
+        (75.0, {}, [], []),
+        (nan, {}, [], []),
+        (64.0, {}, [], ["fleet layer"]),
+        (75.0, {Rejection.SAME_ID: 3}, ["fleet link: two members have one id"], ["fleet link"]),
+        (75.0, {Rejection.SAME_ID: 1}, [], ["fleet link"]),
+        (75.0, {Rejection.CLOCKS_DISAGREE: 9}, ["fleet link: clocks disagree"], ["fleet link"]),
+        (75.0, {Rejection.MALFORMED: 9}, ["fleet link: frames are not whole"], []),
+    ],
+)
+def test_preflight_refuses_a_taken_id_or_layer_and_clocks_that_disagree(height, rejected, problems, failed):
+    given = mission()
+    other = MemberReport(0, 2, State.ON_CIRCLE, 0.0, 1.0, 0.1, 40.0, 150.0, height, -1, (0.0, 0.0), (1.0, 0.0, 1.0))
+    found = list(judge_fleet(given, table_of(given), {2: other}, rejected, problems))
+    assert "members received: 2" in found[0].says
+    assert [line.subject for line in found if line.grade is Grade.FAIL] == failed

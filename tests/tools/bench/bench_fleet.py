@@ -1,0 +1,142 @@
+"""Table of the fleet: evenness, separation and radius of whole fleets on the emulated plane and copter.
+
+    python -m tests.tools.bench.bench_fleet --flights 3 --rows plane-6 plane-6-wind
+
+The members have the product's noisy sensors and estimate the drift. Compass biases have 2 deg standard deviation, the
+planes' airspeeds 2 %. A flight takes about 12 s of processor time for each member and 200 s. `--keep FILE` adds every
+flight to a file of JSON lines and skips those that it holds.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from circnav_mav.extras.fleet.flight import SAMPLE_EVERY, bare_fleet
+from circnav_mav.extras.fleet.metrics import even_from, figures, gap_errors
+from circnav_mav.extras.fleet.report import State
+
+CONFIG = Path(__file__).parents[3] / "config"
+COMPASS_SIGMA_DEG, AIRSPEED_SIGMA = 2.0, 0.02
+PLANE = (
+    *("vehicle.speed_mps=15", "sim.vehicle.cruise_speed_mps=15.0", "sim.start.speed_mps=15.0", "orbit.radius_m=100"),
+    *("sim.start.north_m=160", "sim.start.east_m=-80"),
+)
+COPTER = ("sim.start.north_m=50", "sim.start.east_m=-20")
+WIND = ("sim.wind.speed_mps=5",)
+LEAVER, JOINER = 3, 6
+
+
+@dataclass(frozen=True)
+class Row:
+    """Conditions of one row. event: "leave" or "join" of one member."""
+
+    mission: str
+    size: int
+    overrides: tuple[str, ...]
+    loss: float = 0.0
+    delay: float = 0.0
+    event: str = ""
+    duration: float = 170.0
+
+
+ROWS = {
+    "plane-1": Row("arduplane", 1, PLANE, duration=150.0),
+    "plane-1-wind": Row("arduplane", 1, (*PLANE, *WIND), duration=150.0),
+    "plane-3": Row("arduplane", 3, PLANE),
+    "plane-6": Row("arduplane", 6, PLANE),
+    "plane-10": Row("arduplane", 10, PLANE),
+    "plane-6-wind": Row("arduplane", 6, (*PLANE, *WIND), loss=0.3),
+    "plane-6-late": Row("arduplane", 6, (*PLANE, *WIND), loss=0.7, delay=0.4),
+    "plane-6-leave": Row("arduplane", 6, PLANE, event="leave", duration=240.0),
+    "plane-6-join": Row("arduplane", 6, PLANE, event="join", duration=300.0),
+    "copter-1": Row("arducopter", 1, COPTER, duration=150.0),
+    "copter-4": Row("arducopter", 4, COPTER),
+}
+
+
+def fly(row: Row, seed: int) -> dict[str, Any]:
+    """Fly one fleet and return its figures."""
+    rng = np.random.default_rng(seed)
+    compass, speeds = COMPASS_SIGMA_DEG * rng.normal(size=row.size), 1 + AIRSPEED_SIGMA * rng.normal(size=row.size)
+
+    def each(member: int) -> list[str]:
+        found = [f"sim.sensors.heading_bias_deg={compass[member - 1]:.3f}"]
+        if row.mission == "arduplane":
+            found.append(f"sim.vehicle.cruise_speed_mps={15.0 * speeds[member - 1]:.3f}")
+        if row.event == "leave" and member == LEAVER:
+            found.append("limits.duration_s=150")
+        if row.event == "join" and member == JOINER:  # from far away it comes two minutes later
+            found += ["sim.start.north_m=1900", "sim.start.east_m=-900", "sim.ranging.max_range_m=4000"]
+        return found
+
+    overrides = (*row.overrides, f"limits.duration_s={row.duration}", f"sim.seed={seed}")
+    path = CONFIG / f"{row.mission}.toml"
+    flight = bare_fleet(path, row.size, overrides, each, loss=row.loss, delay=row.delay, seed=seed).fly()
+    found = figures(flight.tracks).plain()
+    found["completed"] = sum(m.pilot.mission.outcome is not None and "end" in m.pilot.mission.outcome.reason
+                             for m in flight.members)  # fmt: skip
+    found["compass_floor_deg"] = round(float(np.max(np.abs(np.diff(np.append(compass, compass[:1]))))), 2)
+    found["trims"] = [round(member.fleet.spacing.trim, 4) for member in flight.members]
+    if row.event == "leave":
+        states = [row_[LEAVER - 1] for row_ in flight.tracks.state]
+        first = next((k for k, s in enumerate(states) if s is State.LEAVING), None)
+        even = None if first is None else even_from(gap_errors(flight.tracks), first + 1)
+        found["even_again_s"] = None if even is None or first is None else round((even - first) * SAMPLE_EVERY, 1)
+    return found
+
+
+def table(flights: Sequence[dict[str, Any]]) -> str:
+    """Return the table of the flights."""
+
+    def value(rows: list[dict[str, Any]], key: str) -> str:
+        known = [one[key] for one in rows if one.get(key) is not None]
+        if not known:
+            return "-"
+        return f"{median(known):.1f} ({max(known):.1f})" + (
+            "" if len(known) == len(rows) else f" {len(known)}/{len(rows)}"
+        )
+
+    keys = ("even_after_s", "even_again_s", "worst_gap_deg", "radius_rms_m", "radius_spread_m", "smallest_horizontal_m")
+    lines = [
+        "| row | flights | even, s | again, s | worst gap, deg | radius rms, m | spread, m | beside, m | too near |"
+    ]
+    lines.append("|---|---|---|---|---|---|---|---|---|")
+    for name in ROWS:
+        rows = [one for one in flights if one["row"] == name]
+        if rows:
+            near = sum(one["too_near"] for one in rows)
+            cells = " | ".join(value(rows, key) for key in keys)
+            lines.append(f"| {name} | {len(rows)} | {cells} | {near} |")
+    return "\n".join([*lines, "", "Median (largest); n/m: in so many of the flights."])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--flights", type=int, default=3, help="of each row")
+    parser.add_argument("--first", type=int, default=1, help="seed of the first")
+    parser.add_argument("--rows", nargs="*", choices=[*ROWS], default=[*ROWS])
+    parser.add_argument("--keep", type=Path, help="file of JSON lines")
+    given = parser.parse_args()
+    kept = given.keep.read_text().splitlines() if given.keep and given.keep.exists() else []
+    flights = [json.loads(line) for line in kept]
+    for name in given.rows:
+        for seed in range(given.first, given.first + given.flights):
+            if any((one["row"], one["seed"]) == (name, seed) for one in flights):
+                continue
+            flights.append({"row": name, "seed": seed, **fly(ROWS[name], seed)})
+            print(json.dumps(flights[-1]), file=sys.stderr, flush=True)
+            if given.keep:
+                with given.keep.open("a") as file:
+                    file.write(json.dumps(flights[-1]) + "\n")
+    print(table(flights))
+
+
+if __name__ == "__main__":
+    main()
