@@ -55,7 +55,8 @@ FORGOTTEN, REVIVED = -12.0, -6.0
 
 
 class DriftBank:
-    """The banks of B flights that are stepped together. `step` is the only way in; the attributes are the result.
+    """The banks of B flights that are stepped together. `step` is the only way in, or its two parts; the attributes
+    are what is believed.
 
     mean (12, B), covariance (12, 12, B), stage, nis, missed, refused, spread, trusted (B,): nis of the heaviest
     hypothesis, share of recent misses, whether the last sample was refused, standard deviation of the position over the
@@ -81,6 +82,10 @@ class DriftBank:
         self.spread = np.full(flights, np.inf)
         self.trusted = np.zeros(flights, bool)
         self._since = np.zeros(flights)
+        self._unheard: tuple[Batch, Batch, Batch, Batch, Batch] | None = None
+        """The newest range (dt, chord, z, sigma, valid) that the search has not taken in."""
+        self._due: tuple[Batch, Batch] | None = None
+        """Whose search it is time to go on with, (B,), and the deviations of their ranges, m."""
         self._search = RingSearch(settings, flights, known)
         self._tracking = np.zeros(0, int)
         self._tracks = _copies(self.mean[:, :0], self.covariance[..., :0])
@@ -98,27 +103,52 @@ class DriftBank:
         """Whether the drift is known from before."""
         return self._search.remembers
 
-    def step(
+    def step(self, *heard: Any) -> None:
+        """`observe` and `search`."""
+        self.observe(*heard)
+        self.search()
+
+    def observe(
         self, dt: Batch, chord: Batch, z: Batch, sigma: Batch, valid: Batch, felt: Felt | None = None,
         rates: Rates | None = None,
     ) -> None:  # fmt: skip
         """Carry flights on by dt (B,) along chord (2, B), and take in their ranges z, sigma where valid (B,). Nothing
         happens to those whose dt and chord are 0 and whose range is not valid. felt: the accelerations meanwhile.
         rates: range rates measured now."""
+        self.search()
         sigma = np.minimum(np.maximum(sigma, LEAST_SIGMA), MOST_SIGMA)
         self._since += dt
         self._track(dt, chord, z, sigma, valid, felt, rates)
-        self._lose()
+        lost = self._lose()
         self._since[valid] = 0.0
+        self._unheard = dt, chord, z, sigma, valid
+        if lost or self._tracking.size < self.stage.size:
+            self._hear()  # a vehicle that searches is steered by what its search thinks most of
+
+    def search(self) -> None:
+        """Go on with the searches. The result counts from the next estimate on."""
+        if self._unheard is not None:
+            self._hear()
+        if self._due is None:
+            return
+        (due, sigma), self._due = self._due, None
+        found = self._search.go_on(due, sigma) if due.any() else None
+        if found is not None:
+            self._start(*found, sigma)
+        self._tell_favourites()
+
+    def _hear(self) -> None:
+        """Let the search take in the newest range, and begin for those that hear their first one."""
+        assert self._unheard is not None
+        (dt, chord, z, sigma, valid), self._unheard = self._unheard, None
         due = self._search.hear(dt, chord, z, sigma, valid)
         begin = np.flatnonzero(valid & (self.stage == Stage.EMPTY))
         if begin.size:
             self.stage[begin] = Stage.SEARCH
             self._search.begin(begin, z[begin])
-        found = self._search.go_on(due, sigma) if self._search.at.size and due.any() else None
-        if found is not None:
-            self._start(*found, sigma)
-        self._tell_favourites()
+        if self._search.at.size:
+            self._due = due, sigma
+            self._tell_favourites()
 
     def _track(
         self, dt: Batch, chord: Batch, z: Batch, sigma: Batch, valid: Batch, felt: Felt | None, rates: Rates | None
@@ -165,16 +195,16 @@ class DriftBank:
         weight[:, self._tracking] = self._tracks.weight
         self.assumed = self._assumptions @ weight
 
-    def _lose(self) -> None:
-        """Send flights whose track does not hold back to the search."""
+    def _lose(self) -> bool:
+        """Send flights back to the ring whose track does not hold; tells whether there are any."""
         if not self._tracking.size:
-            return
+            return False
         drift = np.hypot(*ekf.drift(self.mean))
         astray = (self.missed > MISSED) | (self.spread > LOST) | (drift > DRIFT_MOST * self._settings.speed)
         sound = np.isfinite(self.mean.sum(axis=0) + self.covariance.sum(axis=(0, 1)))
         lost = (self.stage == Stage.TRACK) & (astray | ~sound)
         if not lost.any():
-            return
+            return False
         stay = ~lost[self._tracking]
         self._tracks = Hypotheses(*(part[..., stay] for part in self._tracks))
         self._tracking = self._tracking[stay]
@@ -183,6 +213,7 @@ class DriftBank:
         self.mean[:, ~sound], self.covariance[:, :, ~sound] = 0.0, 0.0
         self._assume()
         self._search.forget()
+        return True
 
     def _tell_favourites(self) -> None:
         """What a search thinks most of, as the mean."""

@@ -7,7 +7,6 @@ import numpy as np
 
 from circnav_mav.guidance.estimators.relative_ekf import BIAS_TIME
 from circnav_mav.guidance.maths import Batch
-from circnav_mav.guidance.white_noise import WhiteNoise, is_even, quantile, residual
 
 WIDTH = 0.25
 """Width of a bin, s: in it the range bends by centimetres."""
@@ -16,7 +15,9 @@ SLOTS = 8
 COUNT = 64
 """Bins kept: 16 s, more than a turn needs to tell all directions apart."""
 ROUGH, ROUGH_ENOUGH = 40, 16
-"""Residuals kept to measure the white part of the noise, and the fewest that count."""
+"""Second differences kept to measure the white part of the noise, and how many it takes at least."""
+EVEN = 0.19
+"""Share by which equal steps may differ; no ratio that lost samples make, or rounding would decide."""
 DRIFT_PSD = 0.01
 """How fast the drift may change, m^2/s^3."""
 
@@ -41,9 +42,9 @@ class RangeWindow:
         self._bins = np.zeros((5, COUNT, flights))
         self._bins[4] = np.inf
         self._closed = np.zeros(flights, int)
-        self._noise = WhiteNoise(ROUGH, 0.5, flights)
-        self._before = np.full((2, 2, flights), np.nan)
-        """Time and range of the newest two samples."""
+        self._bends = np.full((ROUGH, flights), np.nan)
+        self._before = np.full((4, flights), np.nan)
+        self._seen = np.zeros(flights, int)
         self.now, self.path = np.zeros(flights), np.zeros((2, flights))
 
     def add(self, dt: Batch, chord: Batch, z: Batch, sigma: Batch, valid: Batch) -> Batch:
@@ -62,7 +63,9 @@ class RangeWindow:
 
     def white(self, sigma: Batch) -> Batch:
         """Standard deviation of the white part of the noise, m, (B,): sigma until enough was seen."""
-        return np.where(self._noise.count >= ROUGH_ENOUGH, np.fmin(self._noise.sigma, sigma), sigma)
+        known = np.isfinite(self._bends).sum(axis=0) >= ROUGH_ENOUGH
+        middle = _median(np.where(known, self._bends, 0.0))
+        return np.where(known, np.minimum(middle / (0.6745 * np.sqrt(6)), sigma), sigma)
 
     def bins(self, at: Batch, sigma: Batch) -> Bins:
         """The bins of some flights, oldest first, with their variances as of now."""
@@ -82,18 +85,23 @@ class RangeWindow:
         return np.isfinite(self._bins[4][:, at]).sum(axis=0)
 
     def _roughen(self, z: Batch, valid: Batch) -> None:
-        """Note the residuals of equally spaced samples."""
-        now = np.array([self.now, z])
-        older, newer = self._before
-        of = np.flatnonzero(valid & is_even(older, newer, now))
-        self._noise.add(residual(older[:, of], newer[:, of], now[:, of]), of)
-        self._before = np.where(valid, np.array([newer, now]), self._before)
+        """|z0 - 2 z1 + z2| of equally spaced samples: the motion hardly shows in it, the white noise does."""
+        t2, z2, t1, z1 = self._before
+        steps = self.now - t1, t1 - t2
+        even = valid & (np.abs(steps[0] - steps[1]) < EVEN * steps[0])
+        of = np.flatnonzero(even)
+        self._bends[self._seen[of] % ROUGH, of] = np.abs(z - 2 * z1 + z2)[of]
+        self._seen[of] += 1
+        now = np.array([t1, z1, self.now, z])
+        self._before = np.where(valid, now, self._before)
 
     def _close(self, at: Batch, sigma: Batch) -> None:
         """Average the open bins of some flights without what is far from their medians."""
         open_ = self._open[..., at]
         z = open_[3]
-        good = np.abs(z - quantile(z, 0.5)) <= self._speed * WIDTH + 4 * sigma[at]
+        any_in = np.isfinite(z).any(axis=0)
+        middle = _median(np.where(any_in, z, 0.0))
+        good = np.abs(z - middle) <= self._speed * WIDTH + 4 * sigma[at]
         count = good.sum(axis=0)
         slot = self._closed[at] % COUNT
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -102,3 +110,11 @@ class RangeWindow:
         self._closed[at] += 1
         self._open[..., at] = np.nan
         self._filled[at], self._opened[at] = 0, self.now[at]
+
+
+def _median(values: Batch) -> Batch:
+    """Median (B,) of what is not NaN in each column of (n, B); none may be empty. As `np.nanmedian`, which takes ten
+    times as long for a few values."""
+    count = np.isfinite(values).sum(axis=0)
+    ordered, column = np.sort(values, axis=0), np.arange(values.shape[1])
+    return (ordered[(count - 1) // 2, column] + ordered[count // 2, column]) / 2

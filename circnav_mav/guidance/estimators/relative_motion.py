@@ -43,6 +43,8 @@ class DriftEstimator(Estimator):
         self._range_at = float("-inf")
         self._sigma = 1.0
         self._astray = False
+        self._asked: float | None = None
+        """Moment of the first estimate since the newest range, s."""
         self._lately: tuple[float, Prior] | None = None
         self._before: tuple[float, Prior] | None = None
 
@@ -71,7 +73,8 @@ class DriftEstimator(Estimator):
             return Fused.GATED
         self._range_at = sample.time
         ranges = np.array([sample.r]), np.array([sample.sigma]), np.array([True])
-        self.bank.step(*_step(before or knot, knot), *ranges, _felt(before, knot))
+        self.bank.observe(*_step(before or knot, knot), *ranges, _felt(before, knot))
+        self._asked = None
         self._used, self._sigma, self._astray = knot, sample.sigma, False
         self._remember(sample.time)
         if sample.rate is not None:
@@ -91,6 +94,11 @@ class DriftEstimator(Estimator):
         self._used = knot
 
     def at(self, time: float) -> RangeEstimate | None:
+        # One step of the flight asks for the estimate before its setpoint. A search takes some milliseconds, so it goes
+        # on with the next range, or when an estimate of a later moment is asked for.
+        if self._asked is not None and time > self._asked:
+            self.bank.search()
+        self._asked = time if self._asked is None else self._asked
         knot = self._path.at(time)
         if knot is None or self._used is None or knot.piece != self._used.piece or self.bank.stage[0] == Stage.EMPTY:
             return None
