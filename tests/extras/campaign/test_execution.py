@@ -122,7 +122,7 @@ def test_an_address_where_no_scheduler_can_be_is_refused_before_dask_is_asked(
     refusal, distributed, monkeypatch, address, listens, says
 ):
     monkeypatch.setattr(distributed, "Client", None)
-    monkeypatch.setattr(execute, "PATIENCE", 0.2)
+    monkeypatch.setattr(execute, "CONNECT_TIMEOUT", 0.2)
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         if listens:
@@ -138,7 +138,7 @@ def test_a_scheduler_that_dies_in_between_is_one_line_that_says_how_to_go_on(ref
     client.return_value.get_executor.return_value.submit.return_value = died
     client.return_value.__exit__.return_value = False
     monkeypatch.setattr(distributed, "Client", client)
-    monkeypatch.setattr(execute, "_check_listens", lambda address: None)
+    monkeypatch.setattr(execute, "_check_scheduler", lambda address: None)
     assert re.search("scheduler-connection-lost.*--resume flies the missing runs", refusal("tcp://there:1"))
 
 

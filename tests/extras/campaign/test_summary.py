@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from circnav_mav.extras.campaign.command import _say
+from circnav_mav.extras.campaign.command import _print_figures
 from circnav_mav.extras.campaign.figures import figures, median_interval, summarize, wilson
 from circnav_mav.extras.campaign.plots import _against, _distributions, _starts, plot_campaign
 
@@ -111,7 +111,7 @@ def never_engaged(run, k):
 
 
 def test_a_percentile_of_the_flights_is_not_printed_as_if_it_were_the_confidence_interval(capsys):
-    _say("all flights", figures(rows_of([True] * 20, np.arange(1.0, 21.0))))
+    _print_figures("all flights", figures(rows_of([True] * 20, np.arange(1.0, 21.0))))
     printed = capsys.readouterr().out
     assert "kept 20 of 20 (100.0 %, 83.9 to 100.0)  RMS 11 m (5 to 16), p95 20 m  settled 5 s, p95 5 s" in printed
     assert "  turn sd 1.0 deg/s, at the limit 25 %\n" in printed

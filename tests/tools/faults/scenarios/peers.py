@@ -73,7 +73,7 @@ HOST = [
 
 def reboot(gap: float) -> Scenario:
     def arrange(course: Course, seed: int) -> None:
-        course.vehicle._happen(Event(action="reboot", value=gap))
+        course.vehicle._run_event(Event(action="reboot", value=gap))
 
     def check(course: Course) -> str | None:
         start = course.steered_at[0] if course.steered_at else 0.0
