@@ -39,6 +39,8 @@ class Agenda:
 
     def next_due(self) -> int:
         """Return the time of the next action, or NEVER."""
+        # An action that was moved or dropped stays in the heap. It is recognized by its old order number and discarded
+        # when it reaches the top.
         while self._heap:
             due, order, key = self._heap[0]
             if key in self._live and self._live[key][0] == order:

@@ -125,6 +125,7 @@ class Vehicle:
         elif not self._services.answer(message, source):
             if kind == "HEARTBEAT" and message.type == TYPE_GCS:
                 source.has_gcs = True
+            # PX4 passes a received DISTANCE_SENSOR to its rangefinder driver, which sends it to other links as its own.
             if kind == "DISTANCE_SENSOR" and flight.autopilot.identity.ranges_on_update:
                 self._driver(Sample(flight.now, message.current_distance / 100, 0))
             flight.autopilot.on_message(message, flight.now)

@@ -37,7 +37,7 @@ class Unicycle:
         return moved._replace(
             down=down,
             velocity_down=(down - body.down) / dt,
-            roll=math.atan(moved.forward_speed * moved.turn_rate / GRAVITY),  # of a coordinated turn
+            roll=math.atan(moved.forward_speed * moved.turn_rate / GRAVITY),  # coordinated turn
         )
 
     def _with_the_nose(self, body: Body, demand: BodyVelocity, dt: float) -> Body:

@@ -114,6 +114,8 @@ class ArduCopter(ArduPilot):
         return False
 
     def _take(self, target: Target | Stop | NotFinite | None, now: int) -> bool:
+        # ArduCopter does not check these values. The attitude controller loses the vehicle, and the crash check disarms
+        # it in the air.
         if isinstance(target, NotFinite):
             self.say(Severity.EMERGENCY, "Crash: Disarming: AngErr=180>30, Accel=0.1<3.0")
             self.set_armed(False)

@@ -70,28 +70,28 @@ def row(run: Run, result: FlightResult) -> dict[str, Any]:
 
 
 def failed_row(number: int, values: dict[str, Any], error: str) -> dict[str, Any]:
-    """The row of a run that could not be flown."""
+    """Return the row of a run that could not be flown."""
     return {"run": number, **values, "outcome": FAILED, "kept": False, "error": error}
 
 
 SUMMARY = "summary.json"
 Z = 1.959964
-"""Both intervals are of 95 %."""
+"""Quantile of the normal distribution for intervals of 95 %."""
 LEAST_WORLDS = 6
 Interval = tuple[float | None, float | None]
 Rows = Sequence[dict[str, str]]
-"""Of the table, as text."""
+"""Rows of the table, as text."""
 
 
 def figures(rows: Rows, points: int = 1) -> dict[str, Any]:
-    """The figures of some rows of the table. points: of the grid, which all share the draws of a round.
+    """Return the figures of some rows of the table. points: number of grid points; those of one pass share their draws.
 
-    failed: could not be flown. not_engaged: ended before it was ours; neither has an RMS error or a settling time, and
-    those figures are of the others. wrong_way: went round in the wrong sense. rms_*: m, radius error of the last third.
-    settled_*: s from the engagement until within 5 % for good, all of the last third included, None where that is
-    never. closest: m, of all flights. worlds: flights that share their draws and their noise at several points of the
-    grid count as one in the intervals. turn_*: medians of the flights' figures of the turn command (see `TurnFigures`).
-    limit_cycles: flights whose command was in one."""
+    failed: could not be flown. not_engaged: ended before the engagement. Neither has an RMS error or a settling time,
+    so those figures are of the other flights. wrong_way: went round in the wrong sense. rms_*: RMS radius error of the
+    last third, m. settled_*: time from the engagement until the error stays within 5 %, s; None: never. closest:
+    closest approach of all flights, m. worlds: flights with the same draws and noise count as one in the intervals.
+    turn_*: medians of the figures of the turn command (see `TurnFigures`). limit_cycles: flights with a limit cycle.
+    """
     flown = [row for row in rows if row["rms_m"]]
     worlds, worlds_flown = (len({int(row["run"]) // points for row in some}) for some in (rows, flown))
     kept, rms = sum(row["kept"] == "true" for row in rows), known(rows, "rms_m")

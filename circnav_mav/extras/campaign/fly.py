@@ -26,7 +26,7 @@ OWN_OF_KALMAN = OWN | {"vehicle.speed_mps", "vehicle.turn_lag_s", "sim.vehicle.t
 OWN_TABLES = ("sim.start.random.", "sim.target.", "sim.wind.")
 """Keys and tables that may differ between the flights of a batch. All other values are the same."""
 MOST_SCATTER = 1.5
-"""Largest ratio of true range noise to the mission's, for a batch. With more, the pilot may detect the difference."""
+"""Largest ratio of true range noise to the mission's in a batch. With more, the pilot may detect the difference."""
 MOST_OUTLIERS = 0.13
 """Largest fraction of outliers for a batch. With more, the pilot may treat them as noise."""
 
@@ -75,7 +75,7 @@ BATCH_STEPS = 8_000_000
 MOST_IN_CHUNK = 1000
 """Largest number of flights in a chunk: with more, numpy's overhead per step is negligible already."""
 MOST_TRIED = 64
-"""Number of flights among which one for a batch is searched."""
+"""Number of flights that are searched for one that a batch can fly."""
 LEAST_CHUNKS = 4
 """Least number of chunks, so that a small campaign uses several processes."""
 
@@ -87,7 +87,7 @@ def chunks(campaign: Campaign) -> list[range]:
 
 
 def _most_together(campaign: Campaign) -> int:
-    """Return the number of flights per chunk: limited by memory, for the first flight of a batch; 1 without a batch."""
+    """Return the number of flights per chunk, which the memory limits; 1 if no batch can fly them."""
     for number in range(min(campaign.runs, MOST_TRIED) if campaign.engine != "lockstep" else 0):
         try:
             run = prepare(campaign, number)

@@ -103,7 +103,7 @@ POSITION = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 PIECE = 1.0
 """Length of a piece of the drawn track, and interval of the range rings, s."""
 CORNERS = 90
-BLUE, GREEN, GREY, ORANGE = (0.0, 0.45, 0.7, 1.0), (0.0, 0.62, 0.45, 1.0), (0.6, 0.6, 0.6, 0.6), (0.84, 0.37, 0.0, 1.0)
+BLUE, GREEN, GRAY, ORANGE = (0.0, 0.45, 0.7, 1.0), (0.0, 0.62, 0.45, 1.0), (0.6, 0.6, 0.6, 0.6), (0.84, 0.37, 0.0, 1.0)
 """From Okabe and Ito's palette for color-blind readers."""
 Entry = tuple[str, float, Any]
 """Topic, run time (s), message."""
@@ -177,7 +177,7 @@ def _scene(run: Run, times: Column, places: Column) -> Iterator[Entry]:
             yield _update(float(times[last]), [SceneEntity(id=f"track {number}", lines=[_line(piece, BLUE)])])
     for tick in _every_piece(ticks.time):
         if isfinite(r := float(ticks.numbers["r"][tick])):
-            ring = SceneEntity(id="estimated range", lines=[_ring(r, float(height[tick]), GREY)])
+            ring = SceneEntity(id="estimated range", lines=[_ring(r, float(height[tick]), GRAY)])
             yield _update(float(ticks.time[tick]), [ring])
 
 
