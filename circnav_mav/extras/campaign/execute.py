@@ -51,7 +51,7 @@ def on_cores(campaign: Campaign, chunks: Chunks, processes: int, done: Done = fr
 
 
 def _gathered(submit: Submit, campaign: Campaign, chunks: Chunks, done: Done, ahead: int = AHEAD) -> Rows:
-    """Yield the missing rows, flown by the workers behind `submit`. A run that must fly alone is a job of its own."""
+    """Yield the missing rows, flown by the workers behind `submit`. A run that must fly alone is a separate job."""
     ready: SimpleQueue[Future[Part]] = SimpleQueue()
     missing = ((chunk, set(chunk).difference(done)) for chunk in chunks)
     jobs = deque[tuple[Sequence[int], set[int]]]((chunk, wanted) for chunk, wanted in missing if wanted)
@@ -112,4 +112,4 @@ def _check_scheduler(address: str) -> None:
         reason = getattr(error, "strerror", None) or error
         raise CampaignError(f"--scheduler {address}: no answer: {reason}") from None
     if not answered:
-        raise CampaignError(f"--scheduler {address}: the program there is no Dask scheduler")
+        raise CampaignError(f"--scheduler {address}: the program at this address is not a Dask scheduler")

@@ -30,7 +30,7 @@ def columns(campaign: Campaign) -> list[str]:
 
 
 def row(run: Run, result: FlightResult) -> dict[str, Any]:
-    """Return the row of a flight. The sense of rotation is that of the last third of the true path.
+    """Return the row of a flight. The sense of rotation comes from the last third of the true path.
 
     It is None below a quarter turn.
     """
@@ -84,7 +84,7 @@ Rows = Sequence[dict[str, str]]
 
 
 def figures(rows: Rows, points: int = 1) -> dict[str, Any]:
-    """Return the figures of some rows of the table. points: number of grid points; those of one pass share their draws.
+    """Return the figures of some rows of the table. points: grid points, which share their draws in each pass.
 
     failed: could not be flown. not_engaged: ended before the engagement. Neither has an RMS error or a settling time,
     so those figures are of the other flights. wrong_way: went round in the wrong sense. rms_*: RMS radius error of the

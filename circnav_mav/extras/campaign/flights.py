@@ -198,7 +198,7 @@ def time_step(run: Run) -> float:
 
 
 def fly_batch(runs: Sequence[Run]) -> list[FlightResult] | None:
-    """Fly runs of one group. Return their results in order; None if a lockstep flight shows that none would engage."""
+    """Fly runs of the same group. Return their results in order; None if a lockstep flight does not engage."""
     begins = engagement_times(runs[0])
     if begins is None:
         return None

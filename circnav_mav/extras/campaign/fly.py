@@ -42,7 +42,7 @@ def group(run: Run) -> tuple[tuple[str, str], ...]:
 def lockstep_reason(run: Run) -> str | None:
     """Return the first reason why a flight needs lockstep, or None if a batch can fly it.
 
-    A batch models neither other vehicles nor the pilot's functions beside steering, and its radios are of one kind.
+    A batch models only the ideal copter and the pilot's steering, with radios of the same kind.
     """
     file, sim = run.mission.file, run.vehicle
     airframe, start, ranging = sim.vehicle, sim.start, sim.ranging
@@ -113,9 +113,9 @@ def fly_chunk(campaign: Campaign, numbers: Iterable[int]) -> list[Row]:
 
 
 def fly_part(campaign: Campaign, chunk: Sequence[int], wanted: Collection[int]) -> tuple[list[Row], list[int]]:
-    """Fly the batches of a chunk. Return the rows of wanted runs, and the numbers of those that must fly alone.
+    """Fly the batches of a chunk. Return the rows of wanted runs, and the numbers of runs that must fly alone.
 
-    A single run is always flown. Otherwise all runs of the batch are flown, not only the wanted ones: numpy's rounding
+    A single run is always flown. Otherwise all runs of the batch are flown, not only wanted runs: numpy's rounding
     depends on the size of the batch, and a row must not depend on where a campaign was interrupted.
     """
     if len(chunk) == 1:

@@ -47,7 +47,7 @@ FORMS = "a list, {uniform=[low, high]}, {log_uniform=[low, high]}, {normal=[mean
 
 
 def read_spec(value: Any) -> Spec:
-    """Return the spec of one key of [vary]. Raises ValueError with the remedy."""
+    """Return the spec of a key of [vary]. Raises ValueError with the remedy."""
     if isinstance(value, list):
         if not value:
             raise ValueError("is an empty list, name at least one value")
@@ -121,7 +121,7 @@ class Campaign:
     def values(self, run: int) -> dict[str, Any]:
         """Return the values of run number `run` by key, with the emulator's seed.
 
-        Successive runs pass through the grid repeatedly. All points of one pass have the same draws and the same noise.
+        Successive runs pass through the grid repeatedly. All points of a pass have the same draws and the same noise.
         """
         world, cell = divmod(run, self.cells)
         values: dict[str, Any] = {}

@@ -124,7 +124,7 @@ def _label_decades(axis: Any, values: Any) -> None:
 def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
     """Draw the error of the engaged flights and the share of kept flights against one value.
 
-    If there is one other swept key, each of its values has its own line.
+    With exactly one other swept key, each of its values has its own line.
     """
     figure = Figure(figsize=(8, 6.5), layout="constrained")
     figure.suptitle(f"{title}: error against {literal(key)}")

@@ -146,7 +146,7 @@ class Store:
 
 
 def _bytes(path: Path) -> bytes:
-    """Return the contents of a file; empty if there is no file."""
+    """Return the contents of a file; empty if it does not exist."""
     return read_bytes(path, MAX_TABLE) if path.is_file() else b""
 
 

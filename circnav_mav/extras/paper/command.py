@@ -8,7 +8,7 @@ from circnav_mav.extras.paper.paper import random_starts
 from circnav_mav.runlog.atomic_write import write_text
 
 SHOWN = 2
-"""Number of the start shown in the figures, if there are as many starts."""
+"""Index of the start shown in the figures, at most the last one."""
 
 
 def reproduce_paper(out: str, starts: int, seed: int) -> int:

@@ -1,6 +1,6 @@
 """The paper's three examples, flown from many starts in its ideal world, with its proven properties checked.
 
-In this world the vehicle's turn rate is that of the law, without noise, lag or MAVLink.
+In this world the vehicle turns exactly as the law commands, without noise, lag or MAVLink.
 
 Arrays over steps and starts; SI, radians, the paper's frame (x right, y up, angles counter-clockwise).
 """
@@ -131,7 +131,7 @@ EXAMPLES = (
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """Results of one example.
+    """Results of an example.
 
     settling: time to the band round the predicted radius for each start, s (inf: never). rise: largest rise of the
     Lyapunov function in a step; None if the paper gives no function. mirror: largest distance of a mirrored track, m.
