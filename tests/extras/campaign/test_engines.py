@@ -70,8 +70,8 @@ def test_batch_and_lockstep_end_in_the_same_way(write, vary, says):
         ('"sim.ranging.latency_s" = [0.1]', "latency"),
         ('"bounds.max_range_m" = [400.0]', "bounds"),
         ('"guidance.radius_trim_per_s" = [0.05]', "trim"),
-        ('"sim.ranging.noise_m" = [1.0]', "scatter"),
-        ('"sim.ranging.outlier_fraction" = [0.15]', "outliers for noise"),
+        ('"sim.ranging.noise_m" = [1.0]', "range noise is larger"),
+        ('"sim.ranging.outlier_fraction" = [0.15]', "outliers as noise"),
     ],
 )
 def test_what_a_batch_cannot_fly_has_a_reason(write, vary, reason):
