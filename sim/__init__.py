@@ -1,4 +1,4 @@
-"""An independent MAVLink vehicle: what the autopilot and the ranging radio do, for tests and for the quickstart.
+"""An emulated MAVLink vehicle with autopilot and ranging radio, for tests and for the quickstart.
 
-It shares no code with the product, not even a sign: NED, headings and turn rates clockwise seen from above.
+It shares no code with the product, and not its sign convention: NED, headings and turn rates clockwise from above.
 """

@@ -1,4 +1,4 @@
-"""What is due when, in whole microseconds, so that every run of a seed is the same run."""
+"""Schedule of actions in whole microseconds, so that equal seeds give equal runs."""
 
 import heapq
 from collections.abc import Callable
@@ -8,7 +8,7 @@ NEVER = 1 << 62
 
 
 class Agenda:
-    """Named appointments; setting one again moves it, ties are kept in the order they were made."""
+    """Actions by key and time. Setting a key again moves it; actions due at one time run in the order of setting."""
 
     def __init__(self) -> None:
         self._heap: list[tuple[int, int, tuple[object, ...]]] = []  # due, order, key
@@ -21,11 +21,11 @@ class Agenda:
         heapq.heappush(self._heap, (due, self._order, key))
 
     def every(self, key: tuple[object, ...], interval: int, first: int, action: Callable[[], object]) -> None:
-        """An appointment that makes the next one."""
+        """Run an action at `first` and then at every interval."""
         self.put(key, first, partial(self._run, key, interval, first, action))
 
     def _run(self, key: tuple[object, ...], interval: int, due: int, action: Callable[[], object]) -> None:
-        """A method, not a closure: a copied vehicle must run its own appointments."""
+        """Run a repeated action. A method, not a closure: a copied vehicle must run its own actions."""
         self.put(key, due + interval, partial(self._run, key, interval, due + interval, action))
         action()
 
@@ -33,12 +33,14 @@ class Agenda:
         self._live.pop(key, None)
 
     def drop_all(self, first: object) -> None:
-        """Forget every appointment whose key starts with `first`."""
+        """Remove every action with a key that starts with `first`."""
         for key in [k for k in self._live if k[0] == first]:
             del self._live[key]
 
     def next_due(self) -> int:
-        """When the next appointment is, or NEVER."""
+        """Return the time of the next action, or NEVER."""
+        # An action that was moved or dropped stays in the heap. It is recognized by its old order number and discarded
+        # when it reaches the top.
         while self._heap:
             due, order, key = self._heap[0]
             if key in self._live and self._live[key][0] == order:
@@ -47,6 +49,6 @@ class Agenda:
         return NEVER
 
     def take(self) -> Callable[[], object]:
-        """The next appointment's action, taken off the agenda; only when next_due() is not NEVER."""
+        """Remove and return the next action. Call only if next_due() is not NEVER."""
         _, _, key = heapq.heappop(self._heap)
         return self._live.pop(key)[1]

@@ -1,40 +1,41 @@
-"""The vehicle's physical state. NED metres from home, radians, clockwise seen from above."""
+"""The vehicle's physical state. NED meters from home, radians, clockwise seen from above."""
 
 import math
 from random import Random
 from typing import NamedTuple
 
 GRAVITY = 9.80665  # m/s^2
-FREQUENCY, DAMPING = 0.32, 0.45  # of the correction by GPS, rad/s
-TILT_NOISE = 0.57  # of the gyro about the nose, for each rad of roll error, 1/s^.5; half of it about the wings
-HEADING_TIME = 12.0  # s
-HARD_IRON = math.radians(0.2)  # of the heading, once round the compass
+FREQUENCY, DAMPING = 0.32, 0.45  # GPS correction of the estimate: rad/s, damping ratio
+TILT_NOISE = 0.57  # gyro noise in roll per rad of rms roll error, 1/sqrt(s); half as much in pitch
+HEADING_TIME = 12.0  # correlation time of the heading error, s
+HARD_IRON = math.radians(0.2)  # amplitude of the heading error, one period per full turn
 
 Vector = tuple[float, float, float]
 Line = tuple[tuple[float, float], ...]
-"""Commands on their way: seconds until each arrives and its value. The first has arrived and is in force."""
+"""Delayed commands: (seconds until it takes effect, value). The first one is in effect."""
 
 
 class EstimateError(NamedTuple):
-    """What an autopilot believes, and flies by, less what is true: m/s; the acceleration of the tilt in g; rad.
+    """Error of the autopilot's estimate, estimated minus true: velocity m/s, tilt as acceleration in g, heading rad.
 
-    Noisy gyros tilt the estimate; gravity then looks like an acceleration, and the GPS takes both back within seconds:
-    in PX4's SIH 1 deg of roll like an oscillator of 0.32 rad/s, with 0.2 m/s of velocity along the nose and 1.1 deg of
-    heading; ArduPlane 0.17 deg of it, 0.1 of heading, and 0.2 that goes with the heading itself.
+    Noisy gyros tilt the estimate. Gravity then looks like an acceleration, and the GPS corrects both within seconds.
+    PX4's SIH has 1 deg rms of roll error, which behaves like an oscillator of 0.32 rad/s. With it come 0.2 m/s of
+    velocity along the nose and 1.1 deg of heading. ArduPlane has 0.17 deg of roll and 0.1 deg of heading error, and
+    another 0.2 deg that depends on the heading.
     """
 
     velocity: tuple[float, float] = (0.0, 0.0)
     lean: tuple[float, float] = (0.0, 0.0)
     heading: float = 0.0
-    wander: float = 0.0  # the part of it that comes and goes
+    wander: float = 0.0  # the slowly varying part of the heading error
 
     def tilt(self, heading: float) -> tuple[float, float]:
-        """Of roll and pitch, rad."""
+        """Return the errors of roll and pitch, rad."""
         (north, east), cos, sin = self.lean, math.cos(heading), math.sin(heading)
         return east * cos - north * sin, -(north * cos + east * sin)
 
     def after(self, dt: float, roll: float, wander: float, heading: float, rng: Random) -> "EstimateError":
-        """A step later; roll, wander: rms of these, rad; heading: of the nose."""
+        """Return the error dt later. roll, wander: rms of roll and heading error, rad. heading: true heading, rad."""
         noise = roll * TILT_NOISE * math.sqrt(dt)
         right, forward = rng.gauss(0.0, noise), rng.gauss(0.0, noise / 2)
         fresh = to_earth(forward, right, heading)
@@ -52,32 +53,32 @@ def _corrected(velocity: float, lean: float, fresh: float, dt: float) -> tuple[f
 
 
 class Body(NamedTuple):
-    """Where the vehicle is and how it moves; velocity is over the ground."""
+    """Position, attitude and motion of the vehicle. Velocity is over the ground."""
 
     north: float
     east: float
     down: float
     heading: float
-    turn_rate: float = 0.0  # of the heading, rad/s
+    turn_rate: float = 0.0  # rate of the heading, rad/s
     velocity_north: float = 0.0
     velocity_east: float = 0.0
     velocity_down: float = 0.0
     roll: float = 0.0
     pitch: float = 0.0
-    roll_rate: float = 0.0  # of the roll angle, rad/s
+    roll_rate: float = 0.0  # rate of the roll angle, rad/s
     pitch_rate: float = 0.0
     turn_acceleration: float = 0.0  # inside the yaw loop, rad/s^2
     course_rate: float = 0.0  # inside the velocity loop, rad/s
-    course_feed: float = 0.0  # what of a fed-forward turn has arrived there, rad/s
+    course_feed: float = 0.0  # filtered feedforward of the velocity loop, rad/s
     push_north: float = 0.0  # integrators of the velocity loop, m/s^2
     push_east: float = 0.0
-    air_speed: float = 0.0  # true, of vehicles that fly by it
+    air_speed: float = 0.0  # true airspeed of fixed wings
     climb_angle: float = 0.0  # flight path angle of a fixed wing, rad
-    slip: float = 0.0  # of a fixed wing: from the nose to the direction of flight through the air, rad
-    gust_slip: float = 0.0  # the part of it that a gust made
-    trimmed_wind: tuple[float, float] = (0.0, 0.0)  # what the vehicle has settled in; what differs is a gust
-    error: EstimateError = EstimateError()  # of the estimate: it is reported, and flown by
-    on_the_way: Line = ()  # commands within the dead time (through_line)
+    slip: float = 0.0  # side-slip of a fixed wing: angle from the nose to the motion through the air, rad
+    gust_slip: float = 0.0  # the part of the side-slip caused by gusts
+    trimmed_wind: tuple[float, float] = (0.0, 0.0)  # wind that the vehicle is trimmed for; the rest is a gust
+    error: EstimateError = EstimateError()  # the reports and the control loops contain it
+    on_the_way: Line = ()  # commands within the dead time (see through_line)
 
     @property
     def velocity(self) -> Vector:
@@ -89,7 +90,7 @@ class Body(NamedTuple):
 
     @property
     def course(self) -> float:
-        """Direction of travel over the ground; the heading when standing still."""
+        """Direction of travel over the ground; the heading at standstill."""
         if self.ground_speed < 1e-6:
             return self.heading
         return math.atan2(self.velocity_east, self.velocity_north)
@@ -109,7 +110,7 @@ class Body(NamedTuple):
         return math.hypot(*self.through_air(wind))
 
     def body_rates(self) -> tuple[float, float, float]:
-        """What the gyros read (p, q, r): not the rates of the angles once the vehicle is tilted."""
+        """Return the body rates p, q, r. They differ from the rates of the angles if the vehicle is tilted."""
         sin_roll, cos_roll = math.sin(self.roll), math.cos(self.roll)
         sin_pitch, cos_pitch = math.sin(self.pitch), math.cos(self.pitch)
         return (
@@ -119,7 +120,7 @@ class Body(NamedTuple):
         )
 
     def from_earth(self, vector: Vector) -> Vector:
-        """A vector in NED as it is seen from the vehicle: forward, right, down."""
+        """Return a NED vector in body axes: forward, right, down."""
         cr, sr = math.cos(self.roll), math.sin(self.roll)
         cp, sp = math.cos(self.pitch), math.sin(self.pitch)
         cy, sy = math.cos(self.heading), math.sin(self.heading)
@@ -142,31 +143,31 @@ class Body(NamedTuple):
 
 
 def to_earth(forward: float, right: float, heading: float) -> tuple[float, float]:
-    """A horizontal vector seen from the nose as north and east."""
+    """Return a horizontal vector (forward, right) as (north, east)."""
     cos, sin = math.cos(heading), math.sin(heading)
     return forward * cos - right * sin, forward * sin + right * cos
 
 
 def within(value: float, limit: float) -> float:
-    """The nearest value from -limit to limit."""
+    """Return the value limited to ±limit."""
     return max(-limit, min(limit, value))
 
 
 def at_most(first: float, second: float, most: float) -> tuple[float, float]:
-    """A vector, no longer than that."""
+    """Return the vector, shortened to length `most` if it is longer."""
     size = math.hypot(first, second)
     share = min(1.0, most / size) if size > 0 else 1.0
     return first * share, second * share
 
 
 def lean(north: float, east: float, heading: float) -> tuple[float, float]:
-    """The roll and pitch of a copter whose thrust accelerates it so, m/s^2."""
+    """Return roll and pitch of a copter with this horizontal acceleration of its thrust, m/s^2."""
     cos, sin = math.cos(heading), math.sin(heading)
     return math.atan((east * cos - north * sin) / GRAVITY), -math.atan((north * cos + east * sin) / GRAVITY)
 
 
 def euler(q: tuple[float, ...]) -> tuple[float, float, float]:
-    """Roll, pitch and heading of a unit quaternion, w first."""
+    """Return roll, pitch and heading of a unit quaternion, w first."""
     w, x, y, z = q
     return (
         math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
@@ -176,13 +177,13 @@ def euler(q: tuple[float, ...]) -> tuple[float, float, float]:
 
 
 def pieces(dt: float, longest: float) -> list[float]:
-    """A time step cut into equal ones."""
+    """Return equal time steps of at most `longest` that add up to dt."""
     count = max(1, math.ceil(dt / longest - 1e-9))
     return [dt / count] * count
 
 
 def through_line(line: Line, command: float, dead_time: float, h: float) -> Line:
-    """The line `h` seconds later, with a command put in now; what comes out is the value of its first entry."""
+    """Return the delay line `h` seconds later with a new command. The value of its first entry is in effect."""
     line = tuple((left - h, value) for left, value in line)
     if not line or line[-1][1] != command:
         line += ((dead_time, command),)
@@ -192,5 +193,5 @@ def through_line(line: Line, command: float, dead_time: float, h: float) -> Line
 
 
 def second_order(error: float, rate: float, frequency: float, damping: float, h: float) -> float:
-    """The rate of change `h` seconds later of a loop that takes `error` to zero; frequency in rad/s."""
+    """Return the rate `h` seconds later of a second-order loop that takes `error` to zero. frequency: rad/s."""
     return rate + (frequency**2 * error - 2 * damping * frequency * rate) * h

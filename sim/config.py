@@ -1,4 +1,4 @@
-"""The vehicle file: which autopilot, where it starts, what it circles, how it measures. Units are in the names."""
+"""The vehicle file: autopilot, start, target, wind, radio and sensors. Units are in the names."""
 
 import math
 import tomllib
@@ -27,16 +27,16 @@ ACTIONS = (
 
 
 class Airframe(Table):
-    """[vehicle]: which autopilot and how it moves. Where a default is None it depends on the profile.
+    """[vehicle]: autopilot and dynamics. A default of None depends on the profile.
 
-    dynamics: the arducopter's default is the ideal "unicycle", which holds its speed over the ground; "airborne" holds
-    it through the air and is carried by the wind. The others' default is what was measured ("realistic").
-    boot_age_s: how long the autopilot had been up at time zero (its 32-bit milliseconds wrap after 4294967.296 s).
-    odometry: velocity without GPS (optical flow, wheel encoders), usable once somebody has set an origin (message 48).
-    drag_per_s: of copters; None: 1.0 of a px4_copter, 0.185 of an arducopter. max_lean_deg: ANGLE_MAX, MPC_TILTMAX_AIR
-    of copters; None: 30 and 45. turn_frequency_rad_s, turn_damping: of the loop that turns or rolls the vehicle, in the
-    place of what was measured: below 0.3 a badly tuned one that rings. steering: "straight", "frozen" (the last command
-    lasts), "turning" (12 deg/s) and "hovering" ignore turn commands, "reversed" and "weak" (a tenth) garble them.
+    dynamics: "unicycle" (default of arducopter) is ideal and holds its speed over the ground. "airborne" holds it
+    through the air and drifts with the wind. "realistic" (default of the others) has the measured dynamics.
+    boot_age_s: time since the autopilot's boot at time zero (its 32-bit milliseconds wrap at 4294967.296 s).
+    odometry: velocity without GPS (optical flow, wheel encoders), valid once an origin is set (message 48).
+    drag_per_s: drag of copters; default: px4_copter 1.0, arducopter 0.185. max_lean_deg: ANGLE_MAX (default 30),
+    MPC_TILTMAX_AIR (default 45). turn_frequency_rad_s, turn_damping: override the measured turn or roll loop; a damping
+    below 0.3 rings. steering: "straight", "frozen" (repeats the last command), "turning" (12 deg/s) and "hovering"
+    ignore turn commands. "reversed" and "weak" (a tenth) change them.
     """
 
     profile: Literal[PROFILES] = "arducopter"  # type: ignore[valid-type]
@@ -64,7 +64,7 @@ class Airframe(Table):
 
 
 class RandomStart(Table):
-    """[start.random]: bounds from which the seed draws; what is not named stays as in [start]."""
+    """[start.random]: bounds of random values, drawn by the seed. A key that is not given stays as in [start]."""
 
     north_m: Interval | None = None
     east_m: Interval | None = None
@@ -87,7 +87,7 @@ class Start(Table):
 
 
 class Target(Table):
-    """[target]: what is circled; height above home, as the vehicle's. Turns and speeds up along its own course."""
+    """[target]: position (altitude above home) and motion. The acceleration is along the course."""
 
     north_m: float = 0.0
     east_m: float = 0.0
@@ -99,7 +99,7 @@ class Target(Table):
 
 
 class Wind(Table):
-    """[wind]: where it comes from, as weather reports say."""
+    """[wind]: speed, and the direction that it comes from, as in weather reports."""
 
     speed_mps: float = Field(default=0.0, ge=0.0, le=100.0)
     from_deg: float = 0.0
@@ -108,12 +108,11 @@ class Wind(Table):
 
 
 class Ranging(Table):
-    """[ranging]: the radio: how it measures and by which message and way it is heard.
+    """[ranging]: errors of the ranging radio, its message, and its route to the receiver.
 
-    scale, bias_m: a range is reported as scale times its length plus bias_m. table_m: or by straight lines through
-    points, each [true, reported], rising. rate_name: it also measures the range rate and sends it as a
-    NAMED_VALUE_FLOAT of that name. rate_noise_mps: white. rate_bias_mps: rms of the carrier's offset, which changes
-    within a minute.
+    scale, bias_m: a range is reported as scale times its length plus bias_m. table_m: instead, by straight lines
+    through points, each [true, reported], rising. rate_name: also send the range rate, as a NAMED_VALUE_FLOAT of this
+    name. rate_noise_mps: white noise. rate_bias_mps: rms of the carrier's offset, which changes within a minute.
     """
 
     message: Literal["distance_sensor", "ranging_beacon", "named_value_float"] = "distance_sensor"
@@ -144,21 +143,21 @@ class Ranging(Table):
 
 
 class TruthStream(Table):
-    """[truth]: what really happens, sent unasked beside the autopilot's own messages; 0 turns it off."""
+    """[truth]: rate of the messages that carry the true state, beside the autopilot's own; 0 turns them off."""
 
     rate_hz: float = Field(default=10.0, ge=0.0, le=100.0)
 
 
 class Sensors(Table):
-    """[sensors]: how what is reported differs from the truth.
+    """[sensors]: errors of the reported values.
 
-    accel_noise_mps2, gyro_noise_deg_s: rms of each reading; None: 0.2 and 0, what PX4's SIH shows on a realistic px4_*.
-    accel_bias_mps2: constant, signs drawn by the seed; None draws .05 .. 0.1.
-    imu: "frozen" repeats its last reading, "clipped" ends at 8 m/s^2, "rotated" is mounted 90 deg to the right.
-    attitude_error_deg: rms of the estimated roll, with the errors of velocity and heading that come with it
-    (EstimateError); None: 1.0 of a realistic px4_*, 0.15 of arduplane, else 0.
-    gps_error_m: standard deviation of the reported position in each axis, first order with gps_error_time_s.
-    dead_reckoning_mps: speed in each axis, drawn, at which the reported position drifts away without GPS.
+    accel_noise_mps2, gyro_noise_deg_s: rms noise; default: 0.2 and 0, for a realistic px4_* the noise of PX4's SIH.
+    accel_bias_mps2: constant bias with random signs; default: drawn from 0.05 to 0.1.
+    imu: "frozen" repeats its last reading, "clipped" saturates at 8 m/s^2, "rotated" is mounted 90 deg to the right.
+    attitude_error_deg: rms error of the estimated roll, with the matching errors of velocity and heading
+    (EstimateError); default: realistic px4_* 1.0, arduplane 0.15, else 0.
+    gps_error_m: standard deviation of the reported position per axis, first order with gps_error_time_s.
+    dead_reckoning_mps: standard deviation of the position drift without GPS, per axis.
     """
 
     heading_bias_deg: float = Field(default=0.0, ge=-180.0, le=180.0)
@@ -177,14 +176,14 @@ class Sensors(Table):
 
 
 class Battery(Table):
-    """[battery]: what is left at the start and how fast it goes."""
+    """[battery]: charge at the start and its rate of discharge."""
 
     percent: float = Field(default=100.0, ge=0.0, le=100.0)
     drain_percent_per_min: float = Field(default=0.0, ge=0.0)
 
 
 class Signing(Table):
-    """[signing]: the key of vehicle and radio, 64 hex digits or 32 bytes; None: they sign nothing and believe all.
+    """[signing]: key file of vehicle and radio (64 hex digits or 32 bytes); None: no signing, all senders are accepted.
 
     accept_unsigned: as on ArduPilot's USB port.
     """
@@ -194,7 +193,7 @@ class Signing(Table):
 
 
 class Event(Table):
-    """[[events]]: something that happens to the vehicle at a time."""
+    """[[events]]: one scripted event."""
 
     at_s: float = Field(default=0.0, ge=0.0)
     action: Literal[ACTIONS] = "mode"  # type: ignore[valid-type]
@@ -219,7 +218,7 @@ class VehicleConfig(Table):
 
     @property
     def sih(self) -> bool:
-        """Whether it is flown as PX4 in its own simulator, whose sensors are noisy."""
+        """True if the vehicle imitates PX4's simulator SIH, which has noisy sensors."""
         return self.vehicle.profile.startswith("px4") and self.vehicle.dynamics != "unicycle"
 
     @property
@@ -230,13 +229,13 @@ class VehicleConfig(Table):
         return math.radians(default if given is None else given)
 
     def rebooted(self) -> "VehicleConfig":
-        """As the autopilot finds itself after a reset: disarmed, in its first mode."""
+        """Return the configuration after a reset of the autopilot: disarmed, in its first mode."""
         first = next(iter(MODES[self.vehicle.profile]))
         return self.changed(start=self.start.changed(armed=False, mode=first, speed_mps=None))
 
 
 def parse_vehicle(table: Mapping[str, Any], where: str) -> VehicleConfig:
-    """A TOML table as a vehicle; raises ConfigError, one line that names `where`, the key and the remedy."""
+    """Validate a TOML table. Raises ConfigError: one line with `where`, the key and the remedy."""
     return _checked(read_table(VehicleConfig, table, where), where)
 
 
@@ -249,7 +248,7 @@ def _checked(config: VehicleConfig, where: str) -> VehicleConfig:
 
 
 def load_vehicle(path: str | Path) -> VehicleConfig:
-    """A vehicle file, or the [sim] table of a mission file; a key file is told from its folder."""
+    """Read a vehicle file or the [sim] table of a mission file. A key file's path is relative to that file's folder."""
     try:
         table = tomllib.loads(read_file(path).decode("utf-8-sig"))
     except OSError as error:
@@ -269,7 +268,7 @@ def load_vehicle(path: str | Path) -> VehicleConfig:
 
 
 def _conflicts(config: VehicleConfig) -> Iterator[tuple[str, str]]:
-    """Keys whose values are fine by themselves but not together, and why."""
+    """Yield (key, reason) for values that are valid alone but not together."""
     airframe, ranging, modes = config.vehicle, config.ranging, tuple(MODES[config.vehicle.profile])
     named = [("start.mode", config.start.mode)]
     for i, event in enumerate(config.events):
@@ -285,10 +284,10 @@ def _conflicts(config: VehicleConfig) -> Iterator[tuple[str, str]]:
     if config.start.random.range_m and config.start.random.range_m[0] < 0:
         yield "start.random.range_m", "begins below 0"
     if not config.start.armed and (config.start.altitude_m or 0.0) > 0:
-        yield "start.armed", "false needs altitude_m = 0: nothing flies disarmed"
+        yield "start.armed", "false needs altitude_m = 0: a disarmed vehicle cannot fly"
     if ranging.via == "forwarded" and ranging.message == "ranging_beacon":
         remedy = 'use via = "direct" (the radio on its own endpoint)'
-        yield "ranging.via", f"autopilots do not know RANGING_BEACON and do not forward it, {remedy}"
+        yield "ranging.via", f"autopilots do not forward RANGING_BEACON, {remedy}"
     if ranging.via == "autopilot" and ranging.message != "distance_sensor":
         yield "ranging.message", 'the autopilot re-sends only "distance_sensor", or use another via'
     if ranging.via == "autopilot" and ranging.rate_name is not None:

@@ -1,10 +1,10 @@
-"""What an autopilot asks of an airframe that holds velocities: SI, NED, turn rates clockwise seen from above."""
+"""Demands of an autopilot on an airframe: SI, NED, turn rates clockwise seen from above."""
 
 from typing import NamedTuple
 
 
 class BodyVelocity(NamedTuple):
-    """Fly at this velocity seen from the nose, turning with it: the unicycle."""
+    """Velocity in body axes, which turns with the nose (the unicycle)."""
 
     forward: float
     right: float = 0.0
@@ -13,7 +13,7 @@ class BodyVelocity(NamedTuple):
 
 
 class EarthVelocity(NamedTuple):
-    """Fly at this velocity over the ground whatever the nose does; accelerations are fed forward."""
+    """Velocity over the ground, independent of the heading; accelerations are fed forward."""
 
     north: float
     east: float
@@ -24,16 +24,16 @@ class EarthVelocity(NamedTuple):
 
 
 class Brake(NamedTuple):
-    """Slow down along the present course and stay there."""
+    """Slow down along the present course and hover."""
 
     deceleration: float = 2.0  # m/s^2
     down: float = 0.0
 
 
 class Tilt(NamedTuple):
-    """Hold an attitude; the nose goes to `heading` (when given) and beyond at `yaw_rate`.
+    """Attitude. The nose turns to `heading`, if given, and on at `yaw_rate`.
 
-    Height is held by a climb rate, or is the sender's own affair by a raw thrust (0 .. 1).
+    Height is controlled by a climb rate. With a raw thrust (0 to 1) the sender has to control it.
     """
 
     roll: float
@@ -45,7 +45,7 @@ class Tilt(NamedTuple):
 
 
 class Spin(NamedTuple):
-    """Turn at body rates p, q, r; height as with Tilt."""
+    """Body rates p, q, r; height as with Tilt."""
 
     roll_rate: float
     pitch_rate: float
@@ -55,7 +55,7 @@ class Spin(NamedTuple):
 
 
 class Bank(NamedTuple):
-    """A fixed wing banked, its height and airspeed held by the autopilot unless pitch or throttle are forced."""
+    """Bank of a fixed wing. The autopilot holds height and airspeed unless pitch or throttle are forced."""
 
     roll: float
     air_speed: float
@@ -65,7 +65,7 @@ class Bank(NamedTuple):
 
 
 class Glide(NamedTuple):
-    """A fixed wing by attitude and thrust (0 .. 1) alone: height and speed follow from physics."""
+    """Attitude and thrust (0 to 1) of a fixed wing. Height and airspeed follow from physics."""
 
     roll: float
     pitch: float

@@ -1,4 +1,4 @@
-"""The physical side of the vehicle: body, air, target and autopilot, carried forward in simulated time."""
+"""Physics of the vehicle: body, air, target and autopilot, advanced in simulated time."""
 
 import math
 from collections import deque
@@ -20,7 +20,7 @@ from .sensor import Sample
 from .starting import starting_body
 from .world import Air, target_at
 
-IMU_WINDOW_US = 20_000  # what an accelerometer's reading is averaged over: autopilots filter at 20 .. 30 Hz
+IMU_WINDOW_US = 20_000  # averaging time of the accelerometers: autopilots filter at 20 to 30 Hz
 DRIFT_STEP_US = 100_000
 RANGE_TOO_OLD_US = 450_000
 AUTOPILOTS: dict[str, Callable[[VehicleConfig, Say, Body], Autopilot]] = {
@@ -34,9 +34,9 @@ AUTOPILOTS: dict[str, Callable[[VehicleConfig, Say, Body], Autopilot]] = {
 
 
 class Truth(NamedTuple):
-    """What really happens. NED metres from home, radians, m/s; angles and rates clockwise seen from above.
+    """True state. NED meters from home, radians, m/s; angles and rates clockwise seen from above.
 
-    SIM_TRUTH sends north .. wind_east in this order.
+    SIM_TRUTH sends north to wind_east in this order.
     """
 
     time: float
@@ -60,7 +60,7 @@ class Truth(NamedTuple):
 
 
 class Flight:
-    """Everything that moves. Time is whole microseconds of simulated time since the start."""
+    """Vehicle, air and target. Times are whole microseconds of simulated time since the start."""
 
     def __init__(self, config: VehicleConfig, say: Say) -> None:
         self.config = config
@@ -69,7 +69,7 @@ class Flight:
         self._say = say
         self.air = Air(config.wind, config.seed)
         self.target = partial(target_at, config.target)
-        self._ranged: tuple[int, Sample] | None = None  # what the rangefinder's driver holds, and since when
+        self._ranged: tuple[int, Sample] | None = None  # newest sample of the rangefinder driver and its time
         self.instruments = Instruments(config.sensors, config.seed, config.sih)
         self.battery = config.battery.percent
         self._battery_at = 0
@@ -81,10 +81,10 @@ class Flight:
         self._gps_error = self._position_rng.gauss(0.0, size), self._position_rng.gauss(0.0, size)
         self._lost_drift = self._position_rng.gauss(0.0, drift), self._position_rng.gauss(0.0, drift)
         self.position_error = self._gps_error  # reported less true, north and east, m
-        self.spoofed = 0.0  # m/s by which what the receiver believes moves north
+        self.spoofed = 0.0  # speed at which the reported position moves north, m/s
 
     def run(self, until: int) -> None:
-        """Fly to `until`, letting the autopilot act whenever it wants to on the way."""
+        """Fly to `until`. The autopilot acts whenever one of its timers is due."""
         while True:
             wake = self.autopilot.wake_us()
             if wake > until:
@@ -103,7 +103,7 @@ class Flight:
                 trail.popleft()
 
     def specific_force(self) -> Vector:
-        """What accelerometers feel: acceleration without gravity, m/s^2, forward, right, down; at rest (0, 0, -g)."""
+        """Return the true specific force, m/s^2: forward, right, down; at rest (0, 0, -g)."""
         (began, before), (ended, after) = self._velocities[0], self._velocities[-1]
         seconds = max(1, ended - began) * 1e-6
         north, east, down = ((b - a) / seconds for a, b in zip(before, after, strict=True))
@@ -112,15 +112,15 @@ class Flight:
     def imu(self) -> tuple[Vector, Vector]:
         return self.instruments.imu(self.body, self.specific_force(), self.seconds)
 
-    def drift_estimate(self) -> None:
-        """One step of 0.1 s of the estimate's error."""
+    def step_estimate_error(self) -> None:
+        """Advance the error of the autopilot's estimate by 0.1 s."""
         body, roll = self.body, self.config.attitude_error
         wander = roll * (1.1 if self.config.sih else 0.6)
         error = body.error.after(DRIFT_STEP_US * 1e-6, roll, wander, body.heading, self._estimator_rng)
         self.autopilot.body = body._replace(error=error)
 
-    def wander(self) -> None:
-        """One step of 0.1 s of the error of the reported position: of the GPS, or of dead reckoning without it."""
+    def step_position_error(self) -> None:
+        """Advance the error of the reported position by 0.1 s: error of the GPS, or drift without GPS."""
         sensors, dt = self.config.sensors, DRIFT_STEP_US * 1e-6
         kept = math.exp(-dt / sensors.gps_error_time_s)
         fresh = sensors.gps_error_m * math.sqrt(1 - kept * kept)
@@ -129,21 +129,22 @@ class Flight:
         if self.autopilot.gps:
             self.position_error = self._gps_error
             return
-        placed = self.autopilot.take_placed()
-        if placed is not None:
-            self.position_error = placed[0] - self.body.north, placed[1] - self.body.east
+        external = self.autopilot.take_external_position()
+        if external is not None:
+            self.position_error = external[0] - self.body.north, external[1] - self.body.east
         drift = self._lost_drift
         self.position_error = self.position_error[0] + drift[0] * dt, self.position_error[1] + drift[1] * dt
 
-    def range_heard(self, sample: Sample) -> None:
-        """By the autopilot's rangefinder driver, which holds it until the next one, or until it is too old."""
+    def receive_range(self, sample: Sample) -> None:
+        """Store a sample in the autopilot's rangefinder driver, until the next one arrives or it is too old."""
         self._ranged = self.now, sample
 
-    def range_held(self) -> Sample | None:
+    def latest_range(self) -> Sample | None:
+        """Return the sample in the rangefinder driver, or None if there is none or it is too old."""
         return self._ranged[1] if self._ranged is not None and self.now - self._ranged[0] <= RANGE_TOO_OLD_US else None
 
     def reboot(self) -> None:
-        """The autopilot starts afresh: disarmed, in its first mode, its clock at zero. The body stays where it is."""
+        """Restart the autopilot: disarmed, in its first mode, its clock at zero. The body keeps its position."""
         fresh = self.config.rebooted()
         self.booted = self.now
         self._ranged = None
@@ -159,7 +160,7 @@ class Flight:
 
     @property
     def boot_us(self) -> int:
-        """The autopilot's clock."""
+        """Autopilot's clock, us since its boot."""
         return self.now - self.booted
 
     @property
@@ -174,7 +175,7 @@ class Flight:
         return max(0.0, self.battery - self.config.battery.drain_percent_per_min * minutes)
 
     def shown(self) -> Body:
-        """The body as the autopilot's estimate has it."""
+        """Return the body as the autopilot estimates it."""
         return self.instruments.body(self.body, self.seconds)
 
     def slant_range(self) -> float:
@@ -182,7 +183,7 @@ class Flight:
         return math.dist((body.north, body.east, body.down), self.target(self.seconds))
 
     def slant_rate(self) -> float:
-        """How fast the slant range grows, m/s."""
+        """Return the rate of the slant range, m/s, positive when it grows."""
         body, now = self.body, self.seconds
         offset = [a - b for a, b in zip((body.north, body.east, body.down), self.target(now), strict=True)]
         before, after = self.target(now - 0.01), self.target(now + 0.01)

@@ -1,4 +1,4 @@
-"""What the autopilot measures and believes of its own motion: the truth, bent as [sensors] says."""
+"""The autopilot's measurements of its own motion: the truth with the errors of [sensors]."""
 
 import math
 from random import Random
@@ -6,17 +6,17 @@ from random import Random
 from .body import Body, Vector, within
 from .config import Sensors
 
-CLIP_MPS2 = 8.0  # below 1 g, so that the vertical axis shows it in level flight
-VIBRATION_HZ = 73.0  # of a motor; a stream of 50 Hz sees its alias
+CLIP_MPS2 = 8.0  # below 1 g, so that the vertical axis clips in level flight
+VIBRATION_HZ = 73.0  # vibration of a motor; a stream of 50 Hz contains its alias
 ACCEL_OF_SIH, GYRO_OF_SIH = (0.36, 1.15, 0.99), (0.084, 0.042, 0.0185)  # rms as sent, m/s^2 and rad/s
-PHASES = (0.0, 2.1, 4.2)  # rad, of the vibration in the three axes
+PHASES = (0.0, 2.1, 4.2)  # phases of the vibration in the three axes, rad
 
 
 class Instruments:
-    """Compass bias and drift, gyro scale, airspeed noise, accelerometer errors. Only what is reported is bent."""
+    """Errors of compass, gyros, airspeed and accelerometers. They affect only the reported values."""
 
     def __init__(self, config: Sensors, seed: int, sih: bool) -> None:
-        """sih: as noisy as PX4's SIH where the file does not say."""
+        """sih: if the file gives no noise, use that of PX4's SIH."""
         self._config = config
         accel, gyro = config.accel_noise_mps2, config.gyro_noise_deg_s
         self._accel_noise = (ACCEL_OF_SIH if sih else (0.2,) * 3) if accel is None else (accel,) * 3
@@ -31,7 +31,7 @@ class Instruments:
         self._last_imu: tuple[Vector, Vector] | None = None
 
     def body(self, true: Body, time: float) -> Body:
-        """The body as the estimate of attitude and velocity shows it."""
+        """Return the body with the errors of estimated attitude and velocity."""
         c = self._config
         north, east = true.error.velocity
         if not (c.heading_bias_deg or c.heading_drift_deg_s or true.error.heading):
@@ -47,7 +47,7 @@ class Instruments:
         )
 
     def rates(self, true: Body) -> Vector:
-        """p, q, r as the gyros read them."""
+        """Return the measured body rates p, q, r."""
         rolling, pitching, turning = (
             rate * self._config.gyro_scale + (self._gyro_rng.gauss(0.0, noise) if noise > 0 else 0.0)
             for rate, noise in zip(true.body_rates(), self._gyro_noise, strict=True)
@@ -59,7 +59,7 @@ class Instruments:
         return shown + self._rng.gauss(0.0, noise) if noise > 0 else shown
 
     def imu(self, true: Body, specific_force: Vector, time: float) -> tuple[Vector, Vector]:
-        """Accelerometers in m/s^2 and gyros in rad/s, forward, right, down."""
+        """Return the readings of accelerometers (m/s^2) and gyros (rad/s): forward, right, down."""
         if self.imu_state == "frozen" and self._last_imu is not None:
             return self._last_imu
         (p, q, r), shaken = self.rates(true), self._config.accel_vibration_mps2

@@ -1,7 +1,7 @@
-"""The autopilot's links: bytes to MAVLink messages and back, and the forwarding between them.
+"""The autopilot's links: bytes to MAVLink messages and back, and forwarding between links.
 
-One parser and one sequence counter per link; junk is dropped, never raised. Forwarding is that of ArduPilot's
-MAVLink_routing.cpp.
+Each link has its own parser and sequence counter. Invalid bytes are dropped without an error. Forwarding follows
+ArduPilot's MAVLink_routing.cpp.
 """
 
 import struct
@@ -10,7 +10,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from .signing import Notary
+from .signing import FrameSigning
 
 NEVER_FORWARDED = frozenset({"RADIO_STATUS", "RADIO", "ADSB_VEHICLE", "SETUP_SIGNING"})
 MOST_ROUTES = 20
@@ -20,27 +20,27 @@ V1_LARGEST_ID = 255
 V2_MARKER = 0xFD
 
 Message = Any
-"""A pymavlink message: its fields are attributes that only the dialect knows."""
+"""A pymavlink message: its fields are attributes that the dialect defines."""
 Address = tuple[int, int]
 
 
 class Link:
-    """One wire to the autopilot: what is parsed from it, what waits to leave on it, who was heard on it."""
+    """One link of the autopilot: its parser, its frames to send, and its message intervals."""
 
-    def __init__(self, name: str, system: int, component: int, version: int, notary: Notary) -> None:
+    def __init__(self, name: str, system: int, component: int, version: int, signing: FrameSigning) -> None:
         self.name = name
         self._version = version
-        self._notary = notary
+        self._signing = signing
         self._in = mavlink.MAVLink(None)
         self._in.robust_parsing = True
         self._out = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
         self.waiting: deque[bytes] = deque(maxlen=MOST_WAITING)
         self.intervals: dict[int, int] = {}  # message id -> microseconds
-        self.gcs_heard = False
+        self.has_gcs = False
         self.silent = False
 
     def messages(self, data: bytes, *, stream: bool) -> list[Message]:
-        """A datagram starts afresh: one stray byte must not eat the next frames. A stream goes on where it was cut."""
+        """Parse bytes. A datagram resets the parser: a stray byte must not consume later frames. A stream continues."""
         if not stream:
             self._in.buf = bytearray()
             self._in.buf_index = 0
@@ -48,29 +48,29 @@ class Link:
         return [message for message in self._in.parse_buffer(data) or [] if self._readable(message)]
 
     def _readable(self, message: Message) -> bool:
-        """Unknown ids and broken frames are noise, and a MAVLink 1 autopilot does not see MAVLink 2 frames."""
+        """True if the frame is intact and of a known id, and not MAVLink 2 on a MAVLink 1 autopilot."""
         return message.get_msgId() >= 0 and (self._version == 2 or message.get_msgbuf()[0] != V2_MARKER)
 
     def frame(self, message: Message) -> bytes | None:
-        """The next frame of this sender, or None when this MAVLink version cannot carry it."""
+        """Pack the next frame of this sender. Return None if this MAVLink version cannot carry the message."""
         if self._version == 1 and message.get_msgId() > V1_LARGEST_ID:
             return None
-        self._notary.prepare(self._out)
+        self._signing.prepare(self._out)
         try:
             data: bytes = message.pack(self._out, force_mavlink1=self._version == 1)
-        except (struct.error, OverflowError):  # a vehicle flown to where its numbers no longer fit the field
+        except (struct.error, OverflowError):  # the vehicle is so far away that a value does not fit its field
             return None
         self._out.seq = (self._out.seq + 1) % 256
         return data
 
     def send(self, message: Message | None) -> None:
-        """A message, if there is one to send."""
+        """Queue a message, if there is one."""
         frame = None if message is None else self.frame(message)
         if frame is not None and not self.silent:
             self.waiting.append(frame)
 
     def forward(self, message: Message) -> None:
-        """Somebody else's frame, unchanged."""
+        """Queue the unchanged frame of another sender."""
         if not self.silent:
             self.waiting.append(bytes(message.get_msgbuf()))
 
@@ -81,7 +81,7 @@ class Link:
 
 
 class Router:
-    """Learns who is where and passes messages on; nobody is sent anything before being heard."""
+    """Learns the links of senders and forwards messages. A component gets messages only after it has sent one."""
 
     def __init__(self, own: Address, unknown_ids: frozenset[int], adopts_strays: bool) -> None:
         self._own = own
@@ -93,7 +93,7 @@ class Router:
         self._routes.clear()
 
     def pass_on(self, message: Message, source: Link, links: list[Link]) -> bool:
-        """Forward one message heard on `source`; True if the autopilot shall act on it too."""
+        """Forward a message received on `source`. Return True if the autopilot has to handle it, too."""
         kind, sender = message.get_type(), (message.get_srcSystem(), message.get_srcComponent())
         if message.get_msgId() in self._unknown:
             return False

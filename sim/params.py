@@ -1,4 +1,4 @@
-"""The few parameters that matter to a companion, by their real names, and the protocol that reads and sets them."""
+"""The few parameters that matter to a companion, under their real names, and the protocol that reads and sets them."""
 
 import math
 import struct
@@ -10,7 +10,7 @@ from .links import Message
 
 INT8, INT16, INT32, REAL32 = 2, 4, 6, 9
 NOT_IN_LIST = 65535
-LARGEST = 1e6  # no real setting is larger, and what is not a number is none
+LARGEST = 1e6  # no real setting is larger; NaN is rejected as well
 RANGES = {INT8: (-128, 127), INT16: (-32768, 32767), INT32: (-(2**31), 2**31 - 1)}
 
 
@@ -22,7 +22,7 @@ class Parameter:
 
 
 class Parameters(dict[str, float]):
-    """Numbers by name. ArduPilot casts integers to float on the wire, PX4 copies their bytes."""
+    """Parameter values by name. ArduPilot casts integers to float on the wire, PX4 copies their bytes."""
 
     def __init__(self, table: tuple[Parameter, ...], bytewise: bool) -> None:
         super().__init__((p.name, p.default) for p in table)
@@ -30,21 +30,21 @@ class Parameters(dict[str, float]):
         self._bytewise = bytewise
 
     def microseconds(self, name: str) -> int:
-        """Of a parameter in seconds."""
+        """Return a parameter in seconds as microseconds."""
         return round(self[name] * 1e6)
 
     def all_values(self) -> list[Message]:
         return [self._message(p, i) for i, p in enumerate(self._table)]
 
     def read(self, name: str, index: int) -> Message | None:
-        """By index when it is not negative, else by name; None when there is no such parameter."""
+        """Return the value by index, or by name if the index is negative; None if there is no such parameter."""
         if index >= 0:
             return self._message(self._table[index], index) if index < len(self._table) else None
         found = self._find(name)
         return self._message(found, NOT_IN_LIST) if found else None
 
     def write(self, name: str, wire_value: float) -> Message | None:
-        """Set from the wire's number; the answer is the value now held. None when there is no such parameter."""
+        """Set a parameter from its wire value. Return the message with its new value; None if it does not exist."""
         found = self._find(name)
         if found is None:
             return None

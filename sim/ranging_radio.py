@@ -1,6 +1,6 @@
-"""The ranging radio: samples at its rate, reports by its way, can be muted.
+"""The ranging radio: samples at its rate and sends one of three messages. It can be muted.
 
-Its messages carry centimetres, millimetres or a bare float, stamped when the range was taken.
+The messages carry centimeters, millimeters or meters as a float, with the time of the measurement.
 """
 
 import math
@@ -22,7 +22,7 @@ RADAR = 3
 
 
 class RangingRadio:
-    """Its messages go to `send`, its samples to `driver` when it hangs on the autopilot's own rangefinder port."""
+    """Messages go to `send`. A radio on the autopilot's own rangefinder port passes its samples to `driver`."""
 
     def __init__(
         self, config: VehicleConfig, agenda: Agenda, flight: Flight,
@@ -73,13 +73,13 @@ class RangingRadio:
             self._send(mavlink.MAVLink_heartbeat_message(kind, no_autopilot, 0, 0, 4, 3))
 
 
-def centimetres(metres: float) -> int:
-    """As DISTANCE_SENSOR carries a distance: whole centimetres, saturating at 655.35 m."""
-    return min(MOST_CM, round(metres * 100))
+def centimeters(meters: float) -> int:
+    """Return a distance as in DISTANCE_SENSOR: whole centimeters, at most 655.35 m."""
+    return min(MOST_CM, round(meters * 100))
 
 
 def distance_sensor(config: Ranging, sample: Sample) -> Message:
-    most, distance = centimetres(config.max_range_m), centimetres(sample.distance)
+    most, distance = centimeters(config.max_range_m), centimeters(sample.distance)
     about = RADAR, config.sensor_id, config.orientation, _covariance(config)
     return mavlink.MAVLink_distance_sensor_message(_stamp_ms(config, sample), 1, most, distance, *about)
 
@@ -98,7 +98,7 @@ def named_value(config: Ranging, sample: Sample) -> Message:
 
 
 def named_rate(config: Ranging, sample: Sample) -> Message:
-    """The range rate under its own name and the stamp of its range, which comes right after it."""
+    """Return the range rate, under its own name, with the timestamp of the range that follows it."""
     rate, name = sample.rate if config.rate_sign == "opening" else -sample.rate, config.rate_name or ""
     return mavlink.MAVLink_named_value_float_message(_stamp_ms(config, sample), name.encode(), rate)
 
@@ -108,12 +108,12 @@ def _stamp_ms(config: Ranging, sample: Sample) -> int:
 
 
 def _stamp_us(config: Ranging, sample: Sample) -> int:
-    """The radio's own clock, which may run ahead of everybody else's."""
+    """Return the timestamp by the radio's own clock, which may be ahead of other clocks."""
     return sample.taken_us + round(config.clock_offset_s * 1e6)
 
 
 def _covariance(config: Ranging) -> int:
-    """Variance in cm^2 when it is wanted and fits the byte: up to 15.9 cm of noise."""
+    """Return the variance in cm^2 if it is configured and fits the byte (noise up to 15.9 cm), else "unknown"."""
     variance = max(1, round((config.noise_m * 100) ** 2))
     return variance if config.report_accuracy and variance < UNKNOWN_COVARIANCE else UNKNOWN_COVARIANCE
 

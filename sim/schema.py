@@ -1,4 +1,4 @@
-"""Strict reading of TOML tables with pydantic: known keys, values in range, or one clear line."""
+"""Strict reading of TOML tables with pydantic. An unknown key or an invalid value gives an error of one line."""
 
 import difflib
 import errno
@@ -14,11 +14,11 @@ LONGEST_NAME = 10
 
 
 class ConfigError(ValueError):
-    """A vehicle file that cannot be flown: one line naming the file, the key and the remedy."""
+    """Invalid vehicle file: one line with the file, the key and the remedy."""
 
 
 def read_file(path: str | Path, most: int = 1_000_000) -> bytes:
-    """Contents of a regular file of at most so many bytes; reading a pipe or a device may never end. Raises OSError."""
+    """Read a regular file of at most `most` bytes; reading a pipe or a device could block. Raises OSError."""
     if not stat.S_ISREG(os.stat(path).st_mode):
         raise OSError(errno.EINVAL, "is not a regular file", str(path))
     with open(path, "rb") as file:
@@ -29,12 +29,12 @@ def read_file(path: str | Path, most: int = 1_000_000) -> bytes:
 
 
 class Table(BaseModel):
-    """A table that knows all its keys and converts nothing silently."""
+    """A table that rejects unknown keys and converts no types."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
     def changed(self, **values: Any) -> Self:
-        """The same with other values, which nobody checks again."""
+        """Return a copy with other values. They are not validated."""
         return self.model_copy(update=values)
 
 
@@ -59,7 +59,7 @@ def _fits(name: str) -> str:
 
 
 Name = Annotated[str, AfterValidator(_fits)]
-"""Of a NAMED_VALUE_FLOAT: so many bytes."""
+"""Name of a NAMED_VALUE_FLOAT: at most LONGEST_NAME bytes."""
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
@@ -68,11 +68,11 @@ def nearest(word: str, known: Iterable[str]) -> str:
 
 
 def read_table(kind: type[Section], table: object, where: str) -> Section:
-    """The table as a `kind`; raises ConfigError naming `where` and the key."""
+    """Validate a table as `kind`. Raises ConfigError with `where` and the key."""
     try:
         return kind.model_validate(table)
     except ValidationError as error:
-        # a misspelt key first: the others may follow from it
+        # a misspelled key first: it may have caused the other errors
         wrong = min(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
     here, parts, context, given = where, wrong["loc"], wrong.get("ctx", {}), wrong["input"]
     for part in parts:
@@ -86,14 +86,14 @@ def read_table(kind: type[Section], table: object, where: str) -> Section:
         raise ConfigError(f"{here}: {context['error']}")
     if wrong["type"] == "model_type":
         raise ConfigError(f"{here}: should be a table of keys and values, not {given!r}")
-    said = wrong["msg"].removeprefix("Input ").lower().replace("tuple", "list")
-    said = "is missing" if wrong["type"] == "missing" else f"{said}, not {repr(given)[:40]}"
+    problem = wrong["msg"].removeprefix("Input ").lower().replace("tuple", "list")
+    problem = "is missing" if wrong["type"] == "missing" else f"{problem}, not {repr(given)[:40]}"
     meant = nearest(str(given), context.get("expected", "").split("'"))
-    raise ConfigError(f"{here}: {said}{meant}")
+    raise ConfigError(f"{here}: {problem}{meant}")
 
 
 def _inner(kind: type[BaseModel], names: Iterable[Any]) -> type[BaseModel]:
-    """The table at a place of a table; of a list of tables the one that is listed."""
+    """Return the table class at a path of keys; for a list of tables, the class of its items."""
     for name in names:
         if isinstance(name, str):
             hint = kind.model_fields[name].annotation
@@ -102,5 +102,5 @@ def _inner(kind: type[BaseModel], names: Iterable[Any]) -> type[BaseModel]:
 
 
 def place(where: str, name: object) -> str:
-    """`file: section.key`: the first part is the file, dots join what is inside it."""
+    """Return `file: section.key`: a colon after the file, dots between keys."""
     return f"{where}.{name}" if ": " in where else f"{where}: {name}"

@@ -1,4 +1,4 @@
-"""The ranging sensor: true slant range in, what the radio would report out."""
+"""The ranging sensor: true slant range in, measured range out."""
 
 import math
 from dataclasses import dataclass
@@ -10,19 +10,19 @@ from .config import Ranging
 
 @dataclass(frozen=True)
 class Character:
-    """How a kind of radio errs beyond the white noise of the file: metres, seconds, shares."""
+    """Errors of a type of radio beyond the white noise of the file: meters, seconds, fractions."""
 
     white: float | None = None  # replaces noise_m
-    drift: float = 0.0  # rms of a slow error
+    drift: float = 0.0  # rms of the slow error
     drift_time: float = 2.0
     loss: float = 0.0
-    near_bias: float = 0.0  # added at zero range, gone at `near`
+    near_bias: float = 0.0  # bias at zero range; it falls to 0 at `near`
     near: float = 30.0
-    gap_rate: float = 0.0  # gaps a second when at the end of the range
+    gap_rate: float = 0.0  # gaps per second beyond 0.85 of the maximum range
     gap: float = 2.0  # s
 
 
-# Figures of guidance literature for ultra-wideband and for 2.4 GHz LoRa ranging (SX1280).
+# From guidance literature on ultra-wideband and on 2.4 GHz LoRa ranging (SX1280).
 CHARACTERS = {
     "gaussian": Character(),
     "uwb": Character(white=0.02, drift=0.15, drift_time=3.0, gap_rate=0.2),
@@ -31,7 +31,7 @@ CHARACTERS = {
 
 
 class Sample(NamedTuple):
-    """One measurement, as long as it is not lost. Microseconds, metres, and m/s away from the target."""
+    """One measurement: time in microseconds, distance in meters, rate in m/s (positive away from the target)."""
 
     taken_us: int
     distance: float
@@ -40,7 +40,7 @@ class Sample(NamedTuple):
 
 
 class RangeSensor:
-    """Noise, drift, bias, outliers, dropouts, gaps and the end of the range; the same draws whatever is configured."""
+    """Noise, drift, bias, outliers, dropouts, gaps and maximum range. The draws do not depend on the settings."""
 
     def __init__(self, config: Ranging, seed: int) -> None:
         self._config = config
@@ -48,7 +48,7 @@ class RangeSensor:
         self._rng = Random(f"{seed}:ranging")
         self._sequence = 0
         self._drift = self._kind.drift * self._rng.gauss(0.0, 1.0)
-        self._deaf_until = 0
+        self._gap_until = 0
         step = 1 / config.rate_hz if config.rate_hz > 0 else 1.0
         self._kept = math.exp(-step / self._kind.drift_time)
         self._gap_chance = self._kind.gap_rate * step
@@ -70,10 +70,10 @@ class RangeSensor:
         noise, fresh = rng.gauss(0.0, 1.0), rng.gauss(0.0, 1.0)
         self._drift = self._kept * self._drift + kind.drift * math.sqrt(1 - self._kept**2) * fresh
         if true_range > 0.85 * c.max_range_m and gap < self._gap_chance:
-            self._deaf_until = now + round(kind.gap * 1e6)
+            self._gap_until = now + round(kind.gap * 1e6)
         if lost < 1 - (1 - c.dropout_fraction) * (1 - kind.loss) or true_range > c.max_range_m:
             return None
-        if now < self._deaf_until:
+        if now < self._gap_until:
             return None
         white = c.noise_m if kind.white is None else kind.white
         distance = self._reported(true_range) + self._drift + white * noise
@@ -85,15 +85,15 @@ class RangeSensor:
 
 
 class DopplerSensor:
-    """The range rate by the carrier's Doppler shift: white noise, and the offset of two oscillators that wander."""
+    """Range rate from the carrier's Doppler shift, with white noise and a slowly varying oscillator offset."""
 
-    WANDERS = 60.0  # s
+    OFFSET_TIME = 60.0  # correlation time of the offset, s
 
     def __init__(self, config: Ranging, seed: int) -> None:
         self._config = config
         self._rng = Random(f"{seed}:doppler")
         self._offset = config.rate_bias_mps * self._rng.gauss(0.0, 1.0)
-        self._kept = math.exp(-1 / (self.WANDERS * config.rate_hz)) if config.rate_hz > 0 else 1.0
+        self._kept = math.exp(-1 / (self.OFFSET_TIME * config.rate_hz)) if config.rate_hz > 0 else 1.0
 
     def measure(self, true_rate: float) -> float:
         c, rng = self._config, self._rng

@@ -1,4 +1,4 @@
-"""The vehicle on real sockets in real or scaled time: the only place of the emulator that reads a clock."""
+"""The vehicle on real sockets, in real or scaled time. No other module of the emulator reads a clock."""
 
 import select
 import signal
@@ -9,10 +9,10 @@ from .config import VehicleConfig
 from .vehicle import MAIN, RANGING, Vehicle
 from .wires import EndpointError, Wire, open_wire, parse_endpoint
 
-LONGEST_SLEEP = 0.25  # s of wall time: signals and the end of the flight are seen by then
-LATE = 0.2  # s of simulated time behind that are worth a line
-BURST = 0.5  # s of simulated time at most caught up in one go
-TELL_EVERY = 10.0  # s of wall time between two such lines
+LONGEST_SLEEP = 0.25  # s of wall time: largest delay until a signal or the end of the flight is noticed
+LATE = 0.2  # lag of the simulated time that is reported, s
+MAX_CATCH_UP = 0.5  # most simulated time that is made up in one step, s
+REPORT_EVERY = 10.0  # wall time between two reports of the lag, s
 
 
 def serve(
@@ -25,15 +25,15 @@ def serve(
     stopped: Callable[[], bool] = lambda: False,
     say: Callable[[str], None] = lambda line: None,
 ) -> None:
-    """Fly until `duration` (simulated s) is over or `stopped()`; `ready` gets one line once the ports are open, `say`
-    one when this computer cannot keep up.
+    """Fly until `duration` (simulated s) is over or `stopped()` returns True.
 
-    Raises EndpointError when a port cannot be opened or the ranging endpoint is missing.
+    `ready` is called with one line when the ports are open, `say` when this computer cannot keep up. Raises
+    EndpointError if a port cannot be opened or the ranging endpoint is missing.
     """
     if config.ranging.via == "direct" and not ranging_endpoint:
         raise EndpointError('ranging via = "direct" needs --ranging-endpoint, for example udpout:127.0.0.1:14560')
     main, ranging = parse_endpoint(endpoint), parse_endpoint(ranging_endpoint) if ranging_endpoint else None
-    wires: dict[str, Wire] = {}  # by the name of their first link
+    wires: dict[str, Wire] = {}  # keyed by the name of the first link
     try:
         wires[MAIN] = open_wire(main, MAIN)
         if ranging is not None:
@@ -47,11 +47,11 @@ def serve(
 
 
 def stop_signals() -> Callable[[], bool]:
-    """From here on SIGINT and SIGTERM end nothing by themselves; tells whether one has come."""
-    heard: list[int] = []
+    """Catch SIGINT and SIGTERM. Return a function that is True once one of them was received."""
+    caught: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda received, _frame: heard.append(received))
-    return lambda: bool(heard)
+        signal.signal(number, lambda received, _frame: caught.append(received))
+    return lambda: bool(caught)
 
 
 def _fly(
@@ -59,7 +59,7 @@ def _fly(
     stopped: Callable[[], bool], say: Callable[[str], None],
 ) -> None:  # fmt: skip
     started = quiet_until = time.monotonic()
-    lost = 0.0  # simulated time left out for good, s
+    lost = 0.0  # time by which the simulation has fallen behind for good, s
     while not stopped():
         wall = time.monotonic()
         simulated = (wall - started) * speed
@@ -67,23 +67,25 @@ def _fly(
             return
         behind = simulated - vehicle.time
         if behind > LATE and wall >= quiet_until:
-            quiet_until = wall + TELL_EVERY
+            quiet_until = wall + REPORT_EVERY
             say(f"sim: this computer cannot keep up: simulated time is {lost + behind:.1f} s behind")
-        if behind > BURST:  # the machine cannot keep up: fly slower rather than deaf
-            started += (behind - BURST) / speed
-            lost += behind - BURST
-            simulated -= behind - BURST
-        vehicle.tell_time(time.time())
+        # The computer cannot keep up. Long steps would delay received setpoints until the autopilot's timeouts expire,
+        # so the simulation slows down instead.
+        if behind > MAX_CATCH_UP:
+            started += (behind - MAX_CATCH_UP) / speed
+            lost += behind - MAX_CATCH_UP
+            simulated -= behind - MAX_CATCH_UP
+        vehicle.set_time(time.time())
         vehicle.advance(simulated)
-        for name, wire in wires.items():  # what has arrived acts now, not when the vehicle was last looked at
+        for name, wire in wires.items():  # after advance: messages take effect now, not at the previous step
             for link, data in wire.receive():
                 vehicle.receive(data, RANGING if name == RANGING else link, stream=wire.stream)
-        _speak(vehicle, wires)
+        _send(vehicle, wires)
         _sleep(wires, (vehicle.next_event - simulated) / speed)
 
 
-def _speak(vehicle: Vehicle, wires: dict[str, Wire]) -> None:
-    """Links are named after their wire: main, main-2; the ranging wire's listeners all hear the same radio."""
+def _send(vehicle: Vehicle, wires: dict[str, Wire]) -> None:
+    """Send the vehicle's frames. Links are named after their wire: main, main-2. Ranging links get equal frames."""
     ranging = vehicle.outgoing(RANGING) if RANGING in wires else []
     for link in vehicle.links:
         if link != RANGING:

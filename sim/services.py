@@ -1,6 +1,6 @@
-"""What every ground station speaks: commands, parameters, missions, time, requests; and the streams that it asks for.
+"""MAVLink services: commands, parameters, missions, time synchronization, requests and message streams.
 
-The vehicle itself answers commands about its streams, the rest goes to the autopilot.
+Commands about streams are answered here. All others go to the autopilot.
 """
 
 from functools import partial
@@ -28,7 +28,7 @@ PX4 = 12
 
 
 class Streams:
-    """The schedule of every link. ArduPilot keeps intervals in whole milliseconds."""
+    """Message intervals of all links. ArduPilot stores intervals in whole milliseconds."""
 
     def __init__(self, agenda: Agenda, flight: Flight) -> None:
         self._agenda = agenda
@@ -36,7 +36,7 @@ class Streams:
         self._range_sent: dict[str, int] = {}
 
     def open(self, link: Link) -> None:
-        """A new link: a heartbeat at once and then whatever this autopilot sends unasked."""
+        """Start the streams of a new link: a heartbeat at once, then the default streams of this autopilot."""
         self._agenda.put(("stream", link.name, "first"), self._flight.now, partial(self.send_once, link, HEARTBEAT))
         self.run(link, HEARTBEAT, HEARTBEAT_US)
         if self._flight.config.vehicle.default_streams:
@@ -44,7 +44,7 @@ class Streams:
                 self.run(link, number, interval)
 
     def ask(self, link: Link, number: int, interval: float, say: Say) -> int:
-        """MAV_CMD_SET_MESSAGE_INTERVAL, microseconds; the ack."""
+        """Handle MAV_CMD_SET_MESSAGE_INTERVAL (microseconds) and return the ack."""
         identity = self._flight.autopilot.identity
         refused = number not in identity.streamable
         if refused and identity.autopilot != PX4:
@@ -72,7 +72,7 @@ class Streams:
     def run(self, link: Link, number: int, interval: int) -> None:
         link.intervals[number] = interval
         on_update = number == DISTANCE_SENSOR and self._flight.autopilot.identity.ranges_on_update
-        if number in BUILDERS and not on_update:  # of what it does not have, as a second receiver, nothing is due
+        if number in BUILDERS and not on_update:  # the interval of a message that this vehicle lacks is only stored
             send, first = partial(self.send_once, link, number), self._flight.now + interval
             self._agenda.every(("stream", link.name, number), interval, first, send)
 
@@ -81,7 +81,7 @@ class Streams:
         self._agenda.drop(("stream", link.name, number))
 
     def send_once(self, link: Link, number: int) -> bool:
-        """Send one now; False when this vehicle has no such message or nothing to put in it."""
+        """Send one message now. Return False if this vehicle lacks it or has no value for it."""
         build = BUILDERS.get(number)
         message = build(self._flight) if build else None
         if message is None:
@@ -90,7 +90,7 @@ class Streams:
         return True
 
     def range_updated(self, links: list[Link]) -> None:
-        """A new sample at a rangefinder driver that reports on update: PX4 sends it once, where it is asked for."""
+        """Send a new sample of the rangefinder driver once on every link that requested it, as PX4 does."""
         now = self._flight.now
         for link in links:
             interval = link.intervals.get(DISTANCE_SENSOR)
@@ -100,7 +100,7 @@ class Streams:
 
 
 class Services:
-    """Answers to one message at a time, on the link it came from."""
+    """Handlers of one message at a time. They answer on its link."""
 
     def __init__(self, flight: Flight, streams: Streams, say: Say) -> None:
         self._flight = flight
@@ -122,7 +122,7 @@ class Services:
         }
 
     def answer(self, message: Message, link: Link) -> bool:
-        """True if the message was one of these protocols."""
+        """Handle a message of these services. Return False if it is of none."""
         action = self._actions.get(message.get_type())
         if action is not None:
             action(message, link)
@@ -138,7 +138,7 @@ class Services:
         if command.number == SET_INTERVAL:
             return (self._streams.ask(link, first, command.params[1], self._say),)
         if command.number == GET_INTERVAL:
-            return (self._tell_interval(link, first),)
+            return (self._send_interval(link, first),)
         asked = {REQUEST_MESSAGE: first, REQUEST_CAPABILITIES: AUTOPILOT_VERSION, GET_HOME: HOME_POSITION}
         if command.number in asked:
             return (self._send_once(link, asked[command.number]),)
@@ -149,7 +149,7 @@ class Services:
             return Ack.DENIED
         return Ack.ACCEPTED if self._streams.send_once(link, number) else Ack.FAILED
 
-    def _tell_interval(self, link: Link, number: int) -> int:
+    def _send_interval(self, link: Link, number: int) -> int:
         if not 0 <= number <= 65535:
             return Ack.DENIED
         link.send(mavlink.MAVLink_message_interval_message(number, link.intervals.get(number, STOP)))
@@ -169,16 +169,16 @@ class Services:
         link.send(mavlink.MAVLink_mission_count_message(*_sender(message), 0, message.mission_type))
 
     def _mission_change(self, message: Message, link: Link) -> None:
-        """No missions are kept here: to clear them or to upload none is fine, any other upload is refused."""
+        """Accept to clear the mission or to upload an empty one. Refuse any other upload: missions are not stored."""
         result = MISSION_UNSUPPORTED if getattr(message, "count", 0) else MISSION_ACCEPTED
         link.send(mavlink.MAVLink_mission_ack_message(*_sender(message), result, message.mission_type))
 
     def _log_list(self, message: Message, link: Link) -> None:
-        """There are none: one entry that says so."""
+        """Send the entry for "no logs"."""
         link.send(mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0))
 
     def _data_stream(self, message: Message, link: Link) -> None:
-        """REQUEST_DATA_STREAM: the old way to ask, which MAVProxy uses."""
+        """Handle REQUEST_DATA_STREAM, the old request for streams, which MAVProxy uses."""
         groups = STREAM_GROUPS if message.req_stream_id == ALL_STREAMS else (message.req_stream_id,)
         for number in [n for group in groups for n in STREAM_GROUPS.get(group, ())]:
             if message.start_stop == 1 and message.req_message_rate > 0:
@@ -192,7 +192,7 @@ class Services:
             link.send(mavlink.MAVLink_timesync_message(self._flight.boot_us * 1000, message.ts1))
 
     def _file_transfer(self, message: Message, link: Link) -> None:
-        """There are no files: saying so spares a ground station its timeouts."""
+        """Answer "file not found" to every request: without an answer a ground station waits for its timeouts."""
         asked = message.payload
         sequence = (asked[0] | asked[1] << 8) + 1 & 0xFFFF
         header = [sequence & 0xFF, sequence >> 8, asked[2], FTP_REFUSED, 1, asked[3], *[0] * 6]
@@ -205,7 +205,7 @@ def _sender(message: Message) -> tuple[int, int]:
 
 
 def read_command(message: Message) -> Command:
-    """Either message as a Command; COMMAND_INT's scaled integers become degrees."""
+    """Return a COMMAND_LONG or COMMAND_INT as a Command. Scaled integers of COMMAND_INT become degrees."""
     params = (message.param1, message.param2, message.param3, message.param4)
     if message.get_type() == "COMMAND_INT":
         place, frame = (message.x * 1e-7, message.y * 1e-7, message.z), message.frame
@@ -215,5 +215,5 @@ def read_command(message: Message) -> Command:
 
 
 def _whole(value: float) -> int:
-    """A message id sent as a float; anything else is no id."""
+    """Return a message id that was sent as a float, or -1 if it is not an id."""
     return int(value) if 0 <= value < 2**24 else -1

@@ -1,4 +1,4 @@
-"""Message signing as autopilots have it: pymavlink signs, and what is heard is judged as their C library does it.
+"""Message signing of autopilots. pymavlink signs; received frames are checked as in the autopilots' C library.
 
 Source: mavlink_signature_check (mavlink_helpers.h), ArduPilot's GCS_Signing.cpp, PX4's message_signing.md.
 """
@@ -17,8 +17,8 @@ UNSIGNED_BY_PX4 = frozenset({0, 109, 246, 247})  # HEARTBEAT, RADIO_STATUS, ADSB
 SIGNED_FLAG = 1
 
 
-class Notary:
-    """One autopilot's key, its timestamp, and who was heard under it. Without a key everybody is believed."""
+class FrameSigning:
+    """Key, timestamp and known streams of one autopilot. Without a key it accepts every frame."""
 
     def __init__(self, key: bytes | None, unsigned_ids: frozenset[int], accept_unsigned: bool = False) -> None:
         self._key = key
@@ -28,25 +28,28 @@ class Notary:
         self.timestamp = 0
         self.refused = 0
 
-    def tell_time(self, unix: float) -> None:
-        """GPS or a clock tells the time; it only ever moves on."""
+    def set_time(self, unix: float) -> None:
+        """Set the timestamp from GPS or a clock, s since 1970. It never decreases."""
         self.timestamp = max(self.timestamp, round((unix - EPOCH_S) * TICKS_PER_S))
 
     def reboot(self) -> None:
-        """Streams are forgotten, and the timestamp goes on a minute past the stored one."""
+        """Clear the known streams and continue one minute after the stored timestamp."""
         self._streams.clear()
         self.timestamp += 60 * TICKS_PER_S
 
     def prepare(self, engine: mavlink.MAVLink) -> None:
-        """Make an engine sign what it packs next."""
+        """Set up an engine to sign the next message."""
         signing = engine.signing
         signing.secret_key, signing.sign_outgoing = self._key, self._key is not None
         signing.timestamp = self.timestamp
         self.timestamp += 1
 
-    def believes(self, message: mavlink.MAVLink_message) -> bool:
-        """Whether the autopilot takes a message in. A true signature moves its timestamp, whatever the message; the ids
-        that need none are asked about only where there is none (mavlink_helpers.h, accept_unsigned_callback)."""
+    def accepts(self, message: mavlink.MAVLink_message) -> bool:
+        """True if the autopilot accepts a message.
+
+        A valid signature always advances the timestamp, even of a message that needs none (mavlink_helpers.h,
+        accept_unsigned_callback).
+        """
         if self._key is None:
             return True
         frame = bytes(message.get_msgbuf())
@@ -73,7 +76,7 @@ class Notary:
 
 
 def read_key(path: str, where: str) -> bytes:
-    """64 hex digits or 32 bytes; raises ConfigError."""
+    """Read a key file of 64 hex digits or 32 bytes. Raises ConfigError."""
     try:
         data = read_file(path)
     except OSError as error:

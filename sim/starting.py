@@ -1,4 +1,4 @@
-"""Where and how the vehicle is at time zero, with the random parts drawn from the seed."""
+"""Initial state of the vehicle, with the random parts drawn by the seed."""
 
 import math
 from random import Random
@@ -10,11 +10,11 @@ from .schema import Interval
 ALTITUDE_M = {"arduplane": 100.0, "px4_plane": 100.0, "ardurover": 0.0}
 CRUISE_MPS = {"arduplane": 22.0, "px4_plane": 10.0}
 AIRSPEED_SCALE = {"arduplane": 1.065, "px4_plane": 1.033}
-"""True over indicated airspeed 684 m above the sea; ArduPilot's simulator takes the thin air off twice."""
+"""True over indicated airspeed at 684 m above sea level. ArduPilot's simulator applies the air density twice."""
 
 
 def starting_body(config: VehicleConfig, wind: tuple[float, float]) -> Body:
-    """Copters start at the given speed over the ground, fixed wings at theirs through the air (default: cruise)."""
+    """Return the initial state. start.speed_mps is over the ground for copters, through the air for fixed wings."""
     north, east, heading = _drawn(config)
     profile, start = config.vehicle.profile, config.start
     altitude = start.altitude_m
@@ -39,7 +39,7 @@ def starting_body(config: VehicleConfig, wind: tuple[float, float]) -> Body:
 
 
 def _drawn(config: VehicleConfig) -> tuple[float, float, float]:
-    """North, east and heading; range and bearing are horizontal and from the target."""
+    """Draw north, east and heading. Range and bearing are horizontal and seen from the target."""
     start, target, bounds = config.start, config.target, config.start.random
     rng = Random(f"{config.seed}:start")
     draws = [rng.random() for _ in range(5)]

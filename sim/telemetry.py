@@ -1,4 +1,4 @@
-"""The autopilot's own messages, one function each under the name of its message, and the truth beside them.
+"""The autopilot's own messages and those that carry the true state. Each function has the name of its message.
 
 Units and frames are MAVLink's.
 """
@@ -12,17 +12,17 @@ from .body import GRAVITY, to_earth, within
 from .demands import Bank, BodyVelocity, EarthVelocity, Glide, Tilt
 from .flight import Flight
 from .links import Message
-from .ranging_radio import centimetres
+from .ranging_radio import centimeters
 from .world import HOME_AMSL_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
 
 EPOCH_US = 1_750_000_000_000_000  # SYSTEM_TIME's wall clock at simulated time zero: fixed, so that runs repeat
-EKF_GOOD, EKF_NO_POSITION, EKF_RECKONS = 0x33F, 0xA7, 0x12F  # the last without an absolute position
+EKF_GOOD, EKF_NO_POSITION, EKF_RECKONS = 0x33F, 0xA7, 0x12F  # the last one: dead reckoning, no absolute position
 GPS_FIX_RTK, GPS_NO_FIX = 6, 1
 UNKNOWN_VOLTAGE = 65535
 ONLY_VELOCITY, NO_POSITION_NO_YAW = 0xC07, 0x407
 IMU_FIELDS_UPDATED = 0x3F  # HIGHRES_IMU: acceleration and rates
 GPS_SENSOR, FENCE_KEPT = 0x20, 0x100000
-SENSORS = 0x1 | 0x2 | 0x4 | 0x8 | GPS_SENSOR | 0x200000 | 0x2000000 | 0x10000000  # gyro .. GPS, AHRS, battery, pre-arm
+SENSORS = 0x1 | 0x2 | 0x4 | 0x8 | GPS_SENSOR | 0x200000 | 0x2000000 | 0x10000000  # gyro to GPS, AHRS, battery, pre-arm
 
 
 def heartbeat(flight: Flight) -> Message:
@@ -74,12 +74,12 @@ def scaled_imu2(flight: Flight) -> Message:
 
 def highres_imu(flight: Flight) -> Message:
     acceleration, rates = flight.imu()
-    nothing = [0.0] * 7  # magnetometer, barometer, temperature: not told to be updated
+    nothing = [0.0] * 7  # magnetometer, barometer, temperature: not flagged as updated
     return mavlink.MAVLink_highres_imu_message(flight.boot_us, *acceleration, *rates, *nothing, IMU_FIELDS_UPDATED)
 
 
 def _milli_imu(flight: Flight) -> list[int]:
-    """Thousandths of g and of rad/s, as ArduPilot tells them."""
+    """Return accelerations in mg and rates in mrad/s, as ArduPilot sends them."""
     acceleration, rates = flight.imu()
     return [round(within(value * 1000, 32767)) for value in (*(part / GRAVITY for part in acceleration), *rates)]
 
@@ -128,14 +128,14 @@ def extended_sys_state(flight: Flight) -> Message:
 
 
 def distance_sensor(flight: Flight) -> Message | None:
-    """The autopilot's own range. ArduPilot repeats the last value, stamped when sent, until the input is 0.45 s old."""
-    sample = flight.range_held()
+    """Range of the autopilot's driver. ArduPilot repeats the last one, stamped at sending, until it is 0.45 s old."""
+    sample = flight.latest_range()
     if sample is None:
         return None
     config, stamp, number = flight.config.ranging, flight.boot_ms, 0
-    if flight.autopilot.identity.ranges_on_update:  # PX4 numbers its sensors from 1 and stamps when it was measured
+    if flight.autopilot.identity.ranges_on_update:  # PX4: sensor ids from 1, time of the measurement
         stamp, number = (sample.taken_us - flight.booted) // 1000 & 0xFFFFFFFF, 1
-    most, distance = centimetres(config.max_range_m), centimetres(sample.distance)
+    most, distance = centimeters(config.max_range_m), centimeters(sample.distance)
     return mavlink.MAVLink_distance_sensor_message(stamp, 0, most, distance, 0, number, config.orientation, 0)
 
 
@@ -161,21 +161,23 @@ def current_mode(flight: Flight) -> Message:
 
 
 def timesync(flight: Flight) -> Message:
-    """A request: whoever hears it may answer."""
+    """Time synchronization request to all receivers."""
     return mavlink.MAVLink_timesync_message(0, flight.boot_us * 1000 + flight.config.vehicle.system_id)
 
 
 def nav_controller_output(flight: Flight) -> Message | None:
-    """The plane's echo of the bank it was asked for, after its limits."""
-    roll = flight.autopilot.wanted_roll()
+    """Commanded bank of a plane after its limits."""
+    roll = flight.autopilot.commanded_roll()
     if roll is None:
         return None
     return mavlink.MAVLink_nav_controller_output_message(math.degrees(roll), 0.0, 0, 0, 0, 0.0, 0.0, 0.0)
 
 
 def position_target_local_ned(flight: Flight) -> Message | None:
-    """The copter's report of the velocity that it flies, earth frame. ArduCopter 4.6 adds the acceleration fed forward
-    and no yaw rate, PX4 the yaw rate."""
+    """Velocity setpoint that a copter flies, earth frame.
+
+    ArduCopter 4.6 adds the acceleration that is fed forward and no yaw rate; PX4 adds the yaw rate.
+    """
     flown, pilot = flight.autopilot.flown(), flight.autopilot
     fed = (0.0, 0.0)
     if isinstance(flown, BodyVelocity):
@@ -194,7 +196,7 @@ def position_target_local_ned(flight: Flight) -> Message | None:
 
 
 def attitude_target(flight: Flight) -> Message | None:
-    """The report of the attitude that it holds: of a copter, and of PX4's plane."""
+    """Attitude setpoint that a copter or PX4's plane flies."""
     flown = flight.autopilot.flown()
     if isinstance(flown, (Bank, Glide)):
         q = flight.body._replace(roll=flown.roll, pitch=flown.pitch or 0.0).quaternion()
@@ -209,7 +211,7 @@ def attitude_target(flight: Flight) -> Message | None:
 
 
 def wind(flight: Flight) -> Message | None:
-    """WIND of vehicles that fly by airspeed; degrees it comes from."""
+    """Wind, from a vehicle that controls its airspeed; direction in degrees that it comes from."""
     if flight.body.air_speed == 0:
         return None
     north, east = flight.air.velocity
@@ -217,7 +219,7 @@ def wind(flight: Flight) -> Message | None:
 
 
 def sim_state(flight: Flight) -> Message:
-    """The truth, sent unasked so that flights can be judged."""
+    """True state, sent without a request so that flights can be evaluated."""
     body = flight.body
     latitude, longitude = to_degrees(body.north, body.east)
     angles = *body.quaternion(), body.roll, body.pitch, body.heading
@@ -229,14 +231,14 @@ def sim_state(flight: Flight) -> Message:
 
 
 def truth_array(flight: Flight) -> Message:
-    """DEBUG_FLOAT_ARRAY: Truth's north .. wind_east and then its time; SI and radians, NED from home."""
+    """DEBUG_FLOAT_ARRAY with Truth's north to wind_east and then its time; SI, radians, NED from home."""
     t = flight.truth()
     values = [*t[1:4], math.remainder(t.heading, math.tau), *t[5:16], t.time]
     return mavlink.MAVLink_debug_float_array_message(flight.now, b"SIM_TRUTH", 0, values + [0.0] * 42)
 
 
 def _millivolts(percent: float) -> int:
-    """Three cells, nearly linear."""
+    """Return the voltage of a battery with three cells, linear in the charge."""
     return round(10_500 + 21 * percent)
 
 
@@ -247,7 +249,7 @@ def _degrees_e7(flight: Flight) -> tuple[int, int]:
 
 
 def _centidegrees(angle: float) -> int:
-    """0 .. 35999."""
+    """Return an angle in hundredths of a degree, 0 to 35999."""
     return round(math.degrees(angle) % 360 * 100) % 36000
 
 

@@ -1,4 +1,4 @@
-"""The vehicle: bytes in, bytes out, simulated time carried forward by the caller. No sockets, no clock, no threads."""
+"""The vehicle: bytes in, bytes out, simulated time advanced by the caller. No sockets, no clock, no threads."""
 
 import itertools
 from collections import deque
@@ -14,7 +14,7 @@ from .links import TYPE_GCS, Link, Message, Router
 from .ranging_radio import SECOND, RangingRadio
 from .sensor import Sample
 from .services import Services, Streams
-from .signing import UNSIGNED_BY_ARDUPILOT, UNSIGNED_BY_PX4, Notary, read_key
+from .signing import UNSIGNED_BY_ARDUPILOT, UNSIGNED_BY_PX4, FrameSigning, read_key
 from .telemetry import sim_state, truth_array
 from .world import Air
 
@@ -31,20 +31,20 @@ REBOOT_S = 2.0
 
 
 class Vehicle:
-    """One MAVLink vehicle in lockstep: the same config and the same bytes at the same times give the same flight."""
+    """One MAVLink vehicle in lockstep: equal configuration and equal bytes at equal times give the same flight."""
 
     def __init__(self, config: VehicleConfig) -> None:
         self.config = config
         self._agenda = Agenda()
         self._links: dict[str, Link] = {}
-        self._deaf = False  # the autopilot is rebooting
-        self._dumb = False  # its transmitter is switched off
+        self._rebooting = False
+        self._muted = False  # by the event mute_autopilot
         self._text_ids = itertools.cycle(range(1, 65536))
         self._flight = Flight(config, self._say)
         identity = self._flight.autopilot.identity
         signing, px4 = config.signing, config.vehicle.profile.startswith("px4")
         key = None if signing.key_file is None else read_key(signing.key_file, "signing.key_file")
-        self._notary = Notary(key, UNSIGNED_BY_PX4 if px4 else UNSIGNED_BY_ARDUPILOT, signing.accept_unsigned)
+        self._signing = FrameSigning(key, UNSIGNED_BY_PX4 if px4 else UNSIGNED_BY_ARDUPILOT, signing.accept_unsigned)
         own = (config.vehicle.system_id, AUTOPILOT_COMPONENT)
         self._router = Router(own, identity.unknown_ids, identity.adopts_strays)
         self._streams = Streams(self._agenda, self._flight)
@@ -53,33 +53,33 @@ class Vehicle:
         self._steering = Steering(config.vehicle.steering)
         self._link(MAIN)
         ranging, version = config.ranging, config.vehicle.mavlink_version
-        self._radio_wire = Link("radio", ranging.system_id, ranging.component_id, version, self._notary)
-        # The router forwards broadcasts to every component that has sent something, so to the radio as well. The radio
-        # reads nothing, and frames waiting for it would fill the memory of a long flight.
+        self._radio_wire = Link("radio", ranging.system_id, ranging.component_id, version, self._signing)
+        # The router forwards broadcasts to every component that has sent a message, also to the radio. The radio reads
+        # no messages, and the queue of its frames would fill the memory in a long flight.
         self._radio_wire.silent = True
         if ranging.via == "direct":
             self._link(RANGING)
         self._radio = RangingRadio(config, self._agenda, self._flight, self._radio_sends, self._driver)
-        self._appoint_the_world()
+        self._schedule_world()
 
     def receive(self, data: bytes, link: str = MAIN, *, stream: bool = False) -> None:
-        """One datagram, or piece of a stream, heard on a link, handled at the current simulated time. Never raises."""
+        """Handle one datagram, or a piece of a stream, of a link at the current simulated time. Never raises."""
         source = self._link(link)
         for message in source.messages(data, stream=stream):
-            if self._notary.believes(message):
-                self._hear(message, source)
+            if self._signing.accepts(message):
+                self._handle(message, source)
 
-    def tell_time(self, unix: float) -> None:
-        """What GPS says of the time, s since 1970: its signatures go with it."""
-        self._notary.tell_time(unix)
+    def set_time(self, unix: float) -> None:
+        """Set the time of the GPS, s since 1970. Signatures use it."""
+        self._signing.set_time(unix)
 
     @property
     def refused(self) -> int:
-        """Frames not believed for their signature or for want of one."""
-        return self._notary.refused
+        """Number of frames refused because of a missing or invalid signature."""
+        return self._signing.refused
 
     def advance(self, until: float) -> None:
-        """Fly to simulated time `until`, s; going back in time does nothing."""
+        """Fly to simulated time `until`, s. A time in the past has no effect."""
         goal = round(until * SECOND)
         while (due := self._agenda.next_due()) <= goal:
             self._flight.run(max(due, self._flight.now))
@@ -87,12 +87,12 @@ class Vehicle:
         self._flight.run(max(goal, self._flight.now))
 
     def outgoing(self, link: str = MAIN) -> list[bytes]:
-        """What has been sent on a link since the last call: whole MAVLink frames, oldest first."""
+        """Return the frames sent on a link since the last call: whole MAVLink frames, oldest first."""
         return self._link(link).drain()
 
     @property
     def next_event(self) -> float:
-        """Simulated time at which something is next due, s."""
+        """Simulated time of the next action, s."""
         flight = self._flight
         return min(self._agenda.next_due(), max(flight.now, flight.autopilot.wake_us()), NEVER) / SECOND
 
@@ -106,16 +106,16 @@ class Vehicle:
 
     @property
     def setpoint_log(self) -> list[tuple[float, str]]:
-        """Accepted setpoints: simulated time, s, and message name; the last two thousand."""
+        """Accepted setpoints: simulated time in s and message name; the newest 2000."""
         return list(self._setpoints)
 
     @property
     def links(self) -> tuple[str, ...]:
         return tuple(self._links)
 
-    def _hear(self, message: Message, source: Link) -> None:
-        if source.name == RANGING or self._deaf:
-            return  # the radio's own wire listens to nobody, a rebooting autopilot neither
+    def _handle(self, message: Message, source: Link) -> None:
+        if source.name == RANGING or self._rebooting:
+            return  # neither the radio's own link nor a rebooting autopilot receives messages
         if not self._router.pass_on(message, source, self._autopilot_links()):
             return
         flight, kind = self._flight, message.get_type()
@@ -124,18 +124,19 @@ class Vehicle:
                 self._setpoints.append((flight.seconds, kind))
         elif not self._services.answer(message, source):
             if kind == "HEARTBEAT" and message.type == TYPE_GCS:
-                source.gcs_heard = True
+                source.has_gcs = True
+            # PX4 passes a received DISTANCE_SENSOR to its rangefinder driver, which sends it to other links as its own.
             if kind == "DISTANCE_SENSOR" and flight.autopilot.identity.ranges_on_update:
                 self._driver(Sample(flight.now, message.current_distance / 100, 0))
-            flight.autopilot.heard(message, flight.now)
+            flight.autopilot.on_message(message, flight.now)
 
     def _link(self, name: str) -> Link:
         if name not in self._links:
             airframe = self.config.vehicle
-            link = Link(name, airframe.system_id, AUTOPILOT_COMPONENT, airframe.mavlink_version, self._notary)
+            link = Link(name, airframe.system_id, AUTOPILOT_COMPONENT, airframe.mavlink_version, self._signing)
             self._links[name] = link
-            link.silent = self._dumb and name != RANGING
-            if name != RANGING and not self._deaf:
+            link.silent = self._muted and name != RANGING
+            if name != RANGING and not self._rebooting:
                 self._streams.open(link)
         return self._links[name]
 
@@ -143,47 +144,47 @@ class Vehicle:
         return [link for link in self._links.values() if link.name != RANGING]
 
     def _say(self, severity: int, text: str) -> None:
-        """A STATUSTEXT; a long one in numbered chunks under one id."""
+        """Send a STATUSTEXT; a long text in numbered chunks with one id."""
         data = text.encode()
         number = 0 if len(data) <= TEXT_LENGTH else next(self._text_ids)
-        starts = range(0, len(data) + (number > 0), TEXT_LENGTH)  # the last has room for a zero, which ends the text
+        starts = range(0, len(data) + (number > 0), TEXT_LENGTH)  # the last one has room for a final zero
         for link in self._autopilot_links():
-            if link.gcs_heard or not self._flight.autopilot.identity.texts_for_gcs_only:
+            if link.has_gcs or not self._flight.autopilot.identity.texts_for_gcs_only:
                 for chunk, at in enumerate(starts):
                     part = data[at : at + TEXT_LENGTH]
                     link.send(mavlink.MAVLink_statustext_message(severity, part, number, chunk))
 
     def _send_truth(self) -> None:
-        if self._deaf:
+        if self._rebooting:
             return
         state, truth = sim_state(self._flight), truth_array(self._flight)
         for link in self._autopilot_links():
             link.send(state)
             link.send(truth)
 
-    def _appoint_the_world(self) -> None:
+    def _schedule_world(self) -> None:
         rate = self.config.truth.rate_hz
         if rate > 0:
             self._agenda.every(("truth",), round(SECOND / rate), 0, self._send_truth)
         if self._flight.air.gusty:
             self._agenda.every(("gusts",), Air.GUST_STEP_US, 0, self._flight.air.gust)
         if self.config.sensors.gps_error_m > 0 or any(event.action.startswith("gps_") for event in self.config.events):
-            self._agenda.every(("position",), DRIFT_STEP_US, 0, self._flight.wander)
+            self._agenda.every(("position",), DRIFT_STEP_US, 0, self._flight.step_position_error)
         if self.config.attitude_error > 0:
-            self._agenda.every(("estimate",), DRIFT_STEP_US, 0, self._flight.drift_estimate)
+            self._agenda.every(("estimate",), DRIFT_STEP_US, 0, self._flight.step_estimate_error)
         for i, event in enumerate(self.config.events):
-            self._agenda.put(("event", i), round(event.at_s * SECOND), partial(self._happen, event))
+            self._agenda.put(("event", i), round(event.at_s * SECOND), partial(self._run_event, event))
 
-    def _happen(self, event: Event) -> None:
+    def _run_event(self, event: Event) -> None:
         flight, action = self._flight, event.action
         if action.endswith("mute_ranging"):
             self._radio.muted = action == "mute_ranging"
         elif action.endswith("freeze_ranging"):
             self._radio.frozen = action == "freeze_ranging"
         elif action.endswith("mute_autopilot"):
-            self._dumb = action == "mute_autopilot"
+            self._muted = action == "mute_autopilot"
             for link in self._autopilot_links():
-                link.silent = self._dumb
+                link.silent = self._muted
         elif action == "reboot":
             self._reboot(REBOOT_S if event.value is None else event.value)
         elif action == "battery":
@@ -197,13 +198,13 @@ class Vehicle:
         elif action == "wind":
             flight.air.blow(event.value or 0.0)
         else:
-            flight.autopilot.happen(event, flight.now)
+            flight.autopilot.on_event(event, flight.now)
 
     def _reboot(self, seconds: float) -> None:
-        """Silence, then a fresh autopilot that knows nobody and whose clock starts again."""
-        self._deaf = True
+        """Stop for `seconds`, then restart the autopilot without routes and streams and with its clock at zero."""
+        self._rebooting = True
         self._flight.reboot()
-        self._notary.reboot()
+        self._signing.reboot()
         self._router.forget()
         self._agenda.drop_all("stream")
         for link in self._autopilot_links():
@@ -211,10 +212,10 @@ class Vehicle:
         self._agenda.put(("boot",), self._flight.now + round(seconds * SECOND), self._boot)
 
     def _boot(self) -> None:
-        self._deaf = False
+        self._rebooting = False
         self._flight.booted = self._flight.now
         for link in self._autopilot_links():
-            link.gcs_heard = False
+            link.has_gcs = False
             self._streams.open(link)
 
     def _radio_sends(self, message: Message) -> None:
@@ -224,10 +225,10 @@ class Vehicle:
         if self.config.ranging.via == "direct":
             self._link(RANGING).waiting.append(frame)
         else:
-            self._hear(message, self._radio_wire)
+            self._handle(message, self._radio_wire)
 
     def _driver(self, sample: Sample) -> None:
-        """A sample at the autopilot's rangefinder port."""
-        self._flight.range_heard(sample)
-        if self._flight.autopilot.identity.ranges_on_update and not self._deaf:
+        """Pass a sample to the autopilot's rangefinder port."""
+        self._flight.receive_range(sample)
+        if self._flight.autopilot.identity.ranges_on_update and not self._rebooting:
             self._streams.range_updated(self._autopilot_links())

@@ -1,4 +1,4 @@
-"""Endpoints and their sockets: every address or connection heard is a link of its own, as on an autopilot's ports.
+"""Endpoints and their sockets. Every peer address or connection is a link, as on an autopilot's ports.
 
 udpin:HOST:PORT, udpout:HOST:PORT or tcpin:HOST:PORT, with or without slashes.
 """
@@ -16,7 +16,7 @@ MOST_PEERS = 32
 
 
 class EndpointError(ValueError):
-    """An endpoint that cannot be used, in one line."""
+    """An endpoint that cannot be used; the message is one line."""
 
 
 class Endpoint(NamedTuple):
@@ -36,14 +36,14 @@ def parse_endpoint(text: str) -> Endpoint:
         )
     kind, host, port = match[1], match[2], int(match[3])
     if not 0 < port < 65536:
-        raise EndpointError(f'"{text}": port {port} is outside 1 .. 65535')
+        raise EndpointError(f'"{text}": port {port} is outside 1 to 65535')
     return Endpoint(kind, host, port)
 
 
 class UdpWire:
-    """A UDP port (udpin: answers whoever speaks) or a fixed peer (udpout: speaks first).
+    """A UDP port (udpin: sends to every peer that has sent to it) or a fixed peer (udpout: sends first).
 
-    Links are named `first`, then `first-2`, `first-3` in the order they were heard.
+    Links are named `first`, then `first-2`, `first-3`, in the order of their first datagrams.
     """
 
     stream = False
@@ -55,23 +55,23 @@ class UdpWire:
         self._socket = bound(socket.SOCK_DGRAM, endpoint)
 
     def receive(self) -> list[Datagram]:
-        """Everything that has arrived: (link name, bytes)."""
-        heard = []
+        """Return the received datagrams: (link name, bytes)."""
+        received = []
         for _ in range(BATCH):
             try:
                 data, peer = self._socket.recvfrom(BIGGEST)
             except BlockingIOError:
                 break
             except OSError:
-                continue  # an earlier datagram bounced: the peer is not (yet) there
+                continue  # an earlier datagram was refused: the peer has not opened its port yet
             if peer in self._peers or len(self._peers) < self._most_peers:
-                heard.append((self._name(peer), data))
-        return heard
+                received.append((self._name(peer), data))
+        return received
 
     def send(self, link: str, frames: list[bytes]) -> None:
         for peer in [peer for peer, name in self._peers.items() if name == link]:
             for frame in frames:
-                with contextlib.suppress(OSError):  # as on any radio: what is not received is lost
+                with contextlib.suppress(OSError):  # as on a radio, a datagram may be lost
                     self._socket.sendto(frame, peer)
 
     def links(self) -> list[str]:
@@ -90,7 +90,7 @@ class UdpWire:
 
 
 class TcpWire:
-    """A listening TCP port; each connection is a link, named as those of a UDP port. Frames may come in pieces."""
+    """A listening TCP port. Each connection is a link, named as for UDP. Frames may arrive in pieces."""
 
     stream = True
 
@@ -102,7 +102,7 @@ class TcpWire:
         self._count = 0
 
     def receive(self) -> list[Datagram]:
-        heard = self._accept()
+        received = self._accept()
         for name, connection in list(self._open.items()):
             try:
                 data = connection.recv(BIGGEST)
@@ -111,10 +111,10 @@ class TcpWire:
             except OSError:
                 data = b""
             if data:
-                heard.append((name, data))
+                received.append((name, data))
             else:
                 self._drop(name)
-        return heard
+        return received
 
     def send(self, link: str, frames: list[bytes]) -> None:
         connection = self._open.get(link)
@@ -123,7 +123,7 @@ class TcpWire:
         try:
             connection.sendall(b"".join(frames))
         except OSError:
-            self._drop(link)  # gone, or so slow that half a frame is out: it has to reconnect
+            self._drop(link)  # closed, or so slow that a frame was cut: it has to reconnect
 
     def links(self) -> list[str]:
         return list(self._open)
@@ -136,7 +136,7 @@ class TcpWire:
             connection.close()
 
     def _accept(self) -> list[Datagram]:
-        """A new connection is heard as nothing at all: that opens its link."""
+        """Accept a new connection and return it with empty data, which opens its link."""
         try:
             connection, _ = self._listener.accept()
         except OSError:
@@ -156,7 +156,7 @@ Wire = UdpWire | TcpWire
 
 
 def open_wire(endpoint: Endpoint, first: str, most_peers: int = MOST_PEERS) -> Wire:
-    """The endpoint opened; raises EndpointError in one line when it cannot be."""
+    """Open an endpoint. Raises EndpointError, in one line."""
     try:
         return TcpWire(endpoint, first) if endpoint.kind == "tcpin" else UdpWire(endpoint, first, most_peers)
     except OSError as error:
@@ -164,7 +164,7 @@ def open_wire(endpoint: Endpoint, first: str, most_peers: int = MOST_PEERS) -> W
 
 
 def bound(kind: socket.SocketKind, endpoint: Endpoint) -> socket.socket:
-    """A socket at the endpoint, of any port for udpout."""
+    """Return a socket bound to the endpoint, or to any port for udpout."""
     made = socket.socket(socket.AF_INET, kind)
     if kind == socket.SOCK_STREAM:
         made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -1,4 +1,4 @@
-"""Home, the air and the target: what the vehicle cannot change. Flat-earth conversion near home."""
+"""Home, air and target, with a flat-earth conversion near home."""
 
 import math
 from random import Random
@@ -8,19 +8,19 @@ from .config import Target, Wind
 HOME_LATITUDE_DEG = -35.3632621
 HOME_LONGITUDE_DEG = 149.1652374
 HOME_AMSL_M = 584.0
-# WGS84 at home: metres of a degree of latitude and of longitude (the usual series; a sphere is 0.3 % off)
+# WGS84 at home: meters per degree of latitude and of longitude (the usual series; a sphere is 0.3 % off)
 _LAT = math.radians(HOME_LATITUDE_DEG)
 M_PER_LATITUDE = 111132.954 - 559.822 * math.cos(2 * _LAT) + 1.175 * math.cos(4 * _LAT)
 M_PER_LONGITUDE = 111412.877 * math.cos(_LAT) - 93.504 * math.cos(3 * _LAT) + 0.118 * math.cos(5 * _LAT)
 
 
 def to_degrees(north: float, east: float) -> tuple[float, float]:
-    """Metres from home to latitude and longitude in degrees (centimetres over a few kilometres)."""
+    """Return latitude and longitude in degrees (error: centimeters at a few kilometers from home)."""
     return HOME_LATITUDE_DEG + north / M_PER_LATITUDE, HOME_LONGITUDE_DEG + east / M_PER_LONGITUDE
 
 
 def target_at(target: Target, time: float) -> tuple[float, float, float]:
-    """Where it is at a time: NED metres. It keeps its turn rate and its acceleration along its course."""
+    """Return the target's place at a time, NED meters. Turn rate and acceleration along the course are constant."""
     speed = math.hypot(target.velocity_north_mps, target.velocity_east_mps)
     course = math.atan2(target.velocity_east_mps, target.velocity_north_mps)
     north, east = _path(speed, target.acceleration_mps2, course, math.radians(target.turn_rate_deg_s), time)
@@ -28,7 +28,7 @@ def target_at(target: Target, time: float) -> tuple[float, float, float]:
 
 
 def _path(speed: float, acceleration: float, course: float, turn: float, t: float) -> tuple[float, float]:
-    """The integral of (speed + acceleration t) along a course that turns at a steady rate."""
+    """Integrate (speed + acceleration t) along a course that turns at a constant rate."""
     if abs(turn) * max(t, 1.0) < 1e-9:
         run = speed * t + acceleration * t * t / 2
         return run * math.cos(course), run * math.sin(course)
@@ -41,14 +41,14 @@ def _path(speed: float, acceleration: float, course: float, turn: float, t: floa
 
 
 def from_degrees(latitude: float, longitude: float) -> tuple[float, float]:
-    """Degrees to metres north and east of home."""
+    """Return meters north and east of home."""
     north = (latitude - HOME_LATITUDE_DEG) * M_PER_LATITUDE
     east = (longitude - HOME_LONGITUDE_DEG) * M_PER_LONGITUDE
     return north, east
 
 
 class Air:
-    """The wind as a velocity over the ground, north and east, m/s: a steady part and first-order gusts."""
+    """Wind velocity north and east, m/s: a steady part and first-order gusts."""
 
     GUST_STEP_US = 100_000
 
@@ -63,13 +63,13 @@ class Air:
         return self._config.gust_rms_mps > 0
 
     def blow(self, speed: float) -> None:
-        """Set the steady part, from the direction of the file."""
+        """Set the speed of the steady part. The direction stays as configured."""
         towards = math.radians(self._config.from_deg) + math.pi
         self._steady = (speed * math.cos(towards), speed * math.sin(towards))
         self._add()
 
     def gust(self) -> None:
-        """One step of 0.1 s: each axis forgets within gust_time_s and keeps gust_rms_mps."""
+        """Advance the gusts by 0.1 s: correlation time gust_time_s, rms gust_rms_mps per axis."""
         kept = math.exp(-self.GUST_STEP_US * 1e-6 / self._config.gust_time_s)
         fresh = self._config.gust_rms_mps * math.sqrt(1 - kept * kept)
         north, east = self._gust

@@ -78,7 +78,7 @@ def start_clock(mission: Mission, session: Session, links: dict[str, Link], pace
     if mission.flies_sim and mission.file.sim is not None:
         vehicle = Vehicle(parse_vehicle(mission.file.sim, "sim"))
         clock = Lockstep(vehicle, mission.run_speed(pace), others=bool(links))
-        vehicle.tell_time(clock.epoch_us / 1e6)  # once: simulated time would carry signatures, and our key's, far ahead
+        vehicle.set_time(clock.epoch_us / 1e6)  # once: simulated time would carry signatures, and our key's, far ahead
         links.update(clock.links(ranging_apart=mission.file.ranging.endpoint == SIM))
         return clock
     return AutopilotClock(lambda: session.vehicle.boot.newest) if mission.file.link.clock == "autopilot" else Clock()

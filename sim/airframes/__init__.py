@@ -1,1 +1,1 @@
-"""How vehicles move: each airframe turns a body, a demand and a time step into the next body."""
+"""Dynamics of the vehicles. Each airframe computes the next body from a body, a demand and a time step."""

@@ -1,4 +1,4 @@
-"""A copter as its autopilot flies it: by velocity or by attitude, two airframes behind one step."""
+"""A copter flown by velocity or by attitude: two airframes behind one step."""
 
 import math
 from dataclasses import dataclass
@@ -13,14 +13,15 @@ STEP = 0.025
 TILT_LAG, YAW_LAG = 0.12, 0.15  # s
 YAW_GAIN = 4.5  # 1/s
 MOST_TILT = math.radians(80)
-ARDUPILOT_LEAN_DEG, PX4_LEAN_DEG = 30.0, 45.0  # ANGLE_MAX, MPC_TILTMAX_AIR as they come
+ARDUPILOT_LEAN_DEG, PX4_LEAN_DEG = 30.0, 45.0  # defaults of ANGLE_MAX and MPC_TILTMAX_AIR
 
 
 @dataclass(frozen=True)
 class TiltingCopter:
-    """A multicopter flown by attitude: it goes where it leans until the drag holds it (4 deg of pitch: 3.7 m/s).
+    """A multicopter flown by attitude: tilt accelerates it until drag balances (4 deg of pitch: 3.7 m/s).
 
-    Drag in 1/s, hover thrust as a share of full, limits in rad/s."""
+    Drag in 1/s, hover thrust as a fraction of full thrust, limit in rad/s.
+    """
 
     max_turn_rate: float
     drag: float = 0.185
@@ -72,7 +73,7 @@ class TiltingCopter:
 
 
 def _spin(body: Body, demand: Spin, h: float) -> Body:
-    """Body rates to angle rates: with p = q = 0 a tilted vehicle stays tilted towards the same wall while it yaws."""
+    """Turn at body rates. With p = q = 0 a vehicle that yaws stays tilted in the same direction over the ground."""
     sin, cos = math.sin(body.roll), math.cos(body.roll)
     around = demand.pitch_rate * sin + demand.yaw_rate * cos
     roll_rate = demand.roll_rate + around * math.tan(body.pitch)
@@ -90,8 +91,10 @@ def _spin(body: Body, demand: Spin, h: float) -> Body:
 
 @dataclass(frozen=True)
 class CopterAirframe:
-    """`by_velocity` holds velocities over the ground, or, carried, those seen from the nose through the air;
-    `by_attitude` only leans."""
+    """A copter. `by_velocity` flies velocity demands, `by_attitude` attitude demands.
+
+    carried: velocities in body axes are relative to the air, not to the ground.
+    """
 
     by_velocity: Unicycle | Multicopter | DraggedCopter
     by_attitude: TiltingCopter
@@ -108,13 +111,13 @@ class CopterAirframe:
             return self._through_air(body, demand, dt, wind)
         if isinstance(self.by_velocity, Unicycle):
             return self.by_velocity.step(body, demand, dt)
-        if isinstance(demand, BodyVelocity):  # as it is over the ground right now
+        if isinstance(demand, BodyVelocity):  # rotated by the present heading
             north, east = to_earth(demand.forward, demand.right, body.heading)
             demand = EarthVelocity(north, east, demand.down, demand.yaw_rate)
         return self.by_velocity.step(body, demand, dt, wind)
 
     def _through_air(self, body: Body, demand: BodyVelocity, dt: float, wind: tuple[float, float]) -> Body:
-        """The ideal airframe in the frame of the air, and the air with it."""
+        """Fly the ideal airframe relative to the air, and add the motion of the air."""
         assert isinstance(self.by_velocity, Unicycle)
         moved = self.by_velocity.step(_seen_from(body, wind), demand, dt)
         moved = moved._replace(north=moved.north + wind[0] * dt, east=moved.east + wind[1] * dt)
@@ -122,7 +125,7 @@ class CopterAirframe:
 
 
 def _seen_from(body: Body, velocity: tuple[float, float]) -> Body:
-    """The body as somebody sees it who moves at a velocity north and east."""
+    """Return the body with its velocity relative to an observer that moves at `velocity`."""
     north, east = body.through_air(velocity)
     return body._replace(velocity_north=north, velocity_east=east)
 
@@ -130,7 +133,7 @@ def _seen_from(body: Body, velocity: tuple[float, float]) -> Body:
 def copter_airframe(config: Airframe) -> CopterAirframe:
     limit = math.radians(config.max_turn_rate_deg_s)
     ideal = Unicycle(limit, config.turn_lag_s, config.speed_lag_s)
-    # Swings of +-45 deg/s at 1 Hz came back 1.19 times as large, no more: the acceleration is limited.
+    # Commands of ±45 deg/s at 1 Hz were flown 1.19 times as large and no larger, because the acceleration is limited.
     yaw_loop = YawLoop(limit, dead_time=0.18, frequency=7.5, damping=0.46, most_acceleration=3.5).configured(config)
     drag = DRAG if config.drag_per_s is None else config.drag_per_s
     real = Multicopter(yaw_loop, drag, math.radians(config.max_lean_deg or ARDUPILOT_LEAN_DEG))

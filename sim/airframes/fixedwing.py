@@ -1,4 +1,4 @@
-"""Fixed wings: banked turns with height and airspeed held by the autopilot, or flown by attitude and thrust alone."""
+"""Fixed wings: banked turns at the autopilot's height and airspeed, or flight by attitude and thrust alone."""
 
 import math
 from dataclasses import dataclass, replace
@@ -12,27 +12,30 @@ STEP = 0.02
 SPEED_LAG, HEIGHT_LAG, CLIMB_LAG = 3.0, 2.0, 1.0  # s
 MOST_CLIMB = 3.0  # m/s
 MOST_ROLL_RATE = math.radians(100)
-NOSE_DAMPING = 0.7  # of the tail fin, which turns the nose into the air
-GUST_TURNS = 5.4  # 1/s: how fast it takes away the slip that a gust made
-HELD_BY_RUDDER = 0.7  # share of a wrong bank that ends as side-slip, not as turn; fitted to PX4's SIH
-SIDE_FORCE = 3.0  # 1/s: how fast side-slip bends the path (ArduPilot's SITL plane at 22 m/s: 65 m/s^2 per rad)
+NOSE_DAMPING = 0.7  # damping ratio of the tail fin, which turns the nose into the airflow
+GUST_TURNS = 5.4  # 1/s: rate at which the tail fin removes the side-slip of a gust
+HELD_BY_RUDDER = 0.7  # share of a bank error that becomes side-slip instead of a turn; fitted to PX4's SIH
+SIDE_FORCE = 3.0  # 1/s: path turn rate per side-slip (ArduPilot's SITL plane at 22 m/s: 65 m/s^2 per rad)
 
-# PX4's built-in plane: drag at trim is that of a 27 deg glide, trim thrust 0.63; a fifth of the drag comes from lift.
+# PX4's built-in plane: drag at trim as in a 27 deg glide, trim thrust 0.63, a sixth of the drag induced by lift.
 TRIM_DRAG, TRIM_THRUST, INDUCED = 4.45, 0.63, 0.17
-COURSE_GAIN = 1.0  # rad/s per rad, of a plane on its loiter
+COURSE_GAIN = 1.0  # course loop in loiter, rad/s per rad
 ALPHA_SLOPE, PATH_LAG, PITCH_LAG = 0.12, 0.5, 0.3
 
 
 @dataclass(frozen=True)
 class FixedWing:
-    """`effectiveness`: turn rate over that of a coordinated turn.
+    """A fixed wing.
 
-    The bank follows after dead_time in s by a loop of second order with roll_frequency in rad/s, or of first order with
-    roll_lag in s when that is 0. A bank bends the path at once; the nose follows it by the tail fin with nose_frequency
-    in rad/s (0: at once), so that a turn begins with side-slip. A gust changes airspeed and slip, not the
-    ground velocity; the tail fin then turns the nose into it and the side force carries the plane along (0: it is
-    carried at once). trim_speed is the true airspeed of TRIM_THRUST, m/s. pitch: above the path, rad: in level flight,
-    and more for the tangent of the bank; a bank turns it into an angle between nose and path; fin adds to that.
+    effectiveness: turn rate divided by that of a coordinated turn. The bank follows its command after dead_time (s) in
+    a second-order loop with roll_frequency (rad/s). If that is 0, it follows with a first-order roll_lag (s).
+
+    A bank turns the path at once. The tail fin turns the nose after it with nose_frequency (rad/s), so a turn begins
+    with side-slip. A gust changes airspeed and side-slip, not the ground velocity. Then the fin turns the nose into it
+    and the side force accelerates the plane. With nose_frequency 0 neither lags.
+
+    trim_speed: true airspeed at TRIM_THRUST, m/s. pitch: pitch above the path in level flight, and its increase with
+    tan(bank), rad. In a bank this pitch is also a yaw angle between nose and path, to which `fin` adds.
     """
 
     effectiveness: float
@@ -46,7 +49,7 @@ class FixedWing:
     trim_speed: float = 10.0
 
     def configured(self, config: Airframe) -> "FixedWing":
-        """As the vehicle file has it; the ideal one follows its bank by a lag alone and does not slip."""
+        """Apply the vehicle file. The ideal plane has a bank lag and no side-slip."""
         if config.dynamics == "unicycle":
             return FixedWing(config.turn_effectiveness or 1.0, config.turn_lag_s, trim_speed=self.trim_speed)
         return replace(
@@ -65,7 +68,7 @@ class FixedWing:
         return body
 
     def _gusted(self, body: Body, wind: tuple[float, float]) -> Body:
-        """The wind has changed: the same velocity over the ground is another one through the air."""
+        """Apply a change of the wind: the velocity over the ground stays, so airspeed and side-slip change."""
         if wind == body.trimmed_wind or self.nose_frequency == 0:
             return body
         north, east = wind[0] - body.trimmed_wind[0], wind[1] - body.trimmed_wind[1]
@@ -93,7 +96,7 @@ class FixedWing:
         return body._replace(roll=body.roll + rate * h, roll_rate=rate, on_the_way=line)
 
     def _held(self, body: Body, demand: Bank, h: float) -> Body:
-        """Height and airspeed as the energy control holds them, or as forced pitch and throttle leave them."""
+        """Apply the control of height and airspeed, or forced pitch and throttle."""
         speed = max(3.0, body.air_speed)
         climb = within((body.down - demand.down) / HEIGHT_LAG, MOST_CLIMB)
         angle = math.asin(climb / speed) if demand.pitch is None else demand.pitch
@@ -108,7 +111,7 @@ class FixedWing:
         )
 
     def _glide(self, body: Body, demand: Glide, h: float) -> Body:
-        """Attitude and thrust to path angle and airspeed: point mass, drag parabola, lift following the pitch."""
+        """Compute path angle and airspeed from attitude and thrust: point mass, drag parabola, lift following pitch."""
         speed = max(3.0, body.air_speed)
         load, dynamic = 1 / max(0.2, math.cos(body.roll)), (speed / self.trim_speed) ** 2
         pitch = body.pitch + (demand.pitch - body.pitch) * (1 - math.exp(-h / PITCH_LAG))
@@ -152,7 +155,7 @@ class FixedWing:
 
 
 def falling(body: Body, dt: float) -> Body:
-    """Without an engine: down it goes."""
+    """Return a disarmed plane dt later: it sinks at 5 m/s and stops on the ground."""
     down = min(0.0, body.down + 5.0 * dt)
     moving = 0.0 if down >= 0 else 1.0
     return body._replace(
@@ -168,7 +171,7 @@ def falling(body: Body, dt: float) -> Body:
 
 
 class Loiter(NamedTuple):
-    """A circle flown clockwise, metres."""
+    """A circle that is flown clockwise, meters."""
 
     north: float
     east: float
@@ -176,7 +179,7 @@ class Loiter(NamedTuple):
 
 
 def bank_on_loiter(body: Body, circle: Loiter, limit: float, effectiveness: float) -> float:
-    """Towards the circle, then along it."""
+    """Return the bank that leads to the circle and then along it."""
     north, east = body.north - circle.north, body.east - circle.east
     distance, radius = max(1.0, math.hypot(north, east)), max(5.0, abs(circle.radius))
     outwards, outside = math.atan2(east, north), distance / radius - 1

@@ -1,4 +1,4 @@
-"""Real multicopters that hold a velocity, as measured in flight: ArduCopter's and PX4's."""
+"""Realistic multicopters under velocity control, fitted to flights of ArduCopter and PX4."""
 
 import math
 from dataclasses import dataclass, replace
@@ -8,19 +8,19 @@ from ..config import Airframe
 from ..demands import Brake, EarthVelocity
 
 STEP = 0.02
-YAW_EXCESS = 0.23  # of the centripetal acceleration in g
-FEED_SHARE, FEED_LAG = 0.9, 0.8  # of the acceleration fed forward, s
+YAW_EXCESS = 0.23  # excess of the turn rate per g of centripetal acceleration
+FEED_SHARE, FEED_LAG = 0.9, 0.8  # acceleration feedforward: effective share, lag in s
 COURSE_LAG = 0.3  # s, course rate behind its command: the time to bank
 SPEED_LAG = 0.5  # s
 MOST_ACCELERATION = 2.5  # m/s^2, WPNAV_ACCEL
-SLOW = 0.5  # m/s: below, a course means nothing
-STOPPED = 0.1  # m/s: a brake gives way to the velocity loop
+SLOW = 0.5  # m/s: below this speed the course is undefined
+STOPPED = 0.1  # m/s: below this speed the velocity loop takes over from braking
 DRAG = 0.185  # 1/s: 4 deg of pitch hold 3.7 m/s
-TRIM_TIME = 2.0  # s in which the loop's integrator (PSC_VELXY_P / I) holds a new wind
+TRIM_TIME = 2.0  # time constant in which the integrator (PSC_VELXY_P / I) compensates a new wind, s
 
 # PX4's loop
 PROPORTIONAL, INTEGRAL, DERIVATIVE = 1.8, 0.4, 0.2
-SINKING = 0.06  # m/s: what vz = 0 loses
+SINKING = 0.06  # sink rate with a vertical velocity setpoint of 0, m/s
 CLIMB_LAG = 0.3
 
 
@@ -35,7 +35,7 @@ class YawLoop:
     most_acceleration: float = math.inf
 
     def configured(self, config: Airframe) -> "YawLoop":
-        """As the vehicle file has it."""
+        """Apply the vehicle file."""
         return replace(
             self,
             frequency=config.turn_frequency_rad_s or self.frequency,
@@ -58,12 +58,11 @@ class YawLoop:
 
 @dataclass(frozen=True)
 class Multicopter:
-    """ArduCopter 4.6.3: the wind is held against, a gust pushes until it is.
+    """ArduCopter 4.6.3. It compensates a steady wind; a gust displaces it until it is compensated, too.
 
-    A yaw-rate step shows nothing for 0.2 s, is half there after 0.35 s and overshoots by 20 %; the turn is then 1..6 %
-    faster than asked, the more the harder it turns. The velocity follows behind the nose: its course is corrected by
-    the error (a slip of 5 deg at 3 m/s and 0.2 rad/s, 10 at 5 and 0.3), unless the centripetal acceleration is fed
-    forward.
+    A yaw-rate step has a dead time of 0.2 s, reaches half its value after 0.35 s and overshoots by 20 %. The turn is
+    then 1 to 6 % faster than commanded, increasing with the turn rate. The velocity follows behind the nose, by 5 deg
+    at 3 m/s and 0.2 rad/s and by 10 deg at 5 m/s and 0.3 rad/s, unless the centripetal acceleration is fed forward.
     """
 
     yaw_loop: YawLoop
@@ -90,7 +89,7 @@ class Multicopter:
         return self._tilted(_displaced(moved, body, wanted.down, h), body, h)
 
     def _pushed(self, body: Body, wind: tuple[float, float], h: float) -> Body:
-        """What the wind has changed by since the loop was trimmed pushes, and is trimmed away in time."""
+        """Apply the drag of a change of the wind, which the loop compensates within TRIM_TIME."""
         gust_north, gust_east = wind[0] - body.trimmed_wind[0], wind[1] - body.trimmed_wind[1]
         share = h / TRIM_TIME
         return body._replace(
@@ -100,14 +99,14 @@ class Multicopter:
         )
 
     def _thrust(self, moved: Body, before: Body, h: float) -> tuple[float, float]:
-        """Horizontal acceleration that the thrust makes: what was flown and the drag in the wind it knows."""
+        """Return the horizontal acceleration by thrust: that of the flown step, plus drag in the trimmed wind."""
         air_north, air_east = before.through_air(before.trimmed_wind)
         north = (moved.velocity_north - before.velocity_north) / h + self.drag * air_north
         east = (moved.velocity_east - before.velocity_east) / h + self.drag * air_east
         return north, east
 
     def _leant(self, moved: Body, before: Body, wanted: EarthVelocity, h: float) -> Body:
-        """The lean limit: what turns the path comes first, what is left holds the speed (AP_Math limit_accel_xy)."""
+        """Apply the lean limit: acceleration across the path first, the rest along it (AP_Math limit_accel_xy)."""
         north, east = self._thrust(moved, before, h)
         most = GRAVITY * math.tan(self.most_lean)
         if math.hypot(north, east) <= most:
@@ -127,7 +126,7 @@ class Multicopter:
         )
 
     def _tilted(self, moved: Body, before: Body, h: float) -> Body:
-        """The attitude whose thrust, against the drag in the wind it knows, makes the acceleration just flown."""
+        """Set the attitude that gives the acceleration just flown, plus drag in the trimmed wind."""
         roll, pitch = lean(*self._thrust(moved, before, h), moved.heading)
         lag = 1 - math.exp(-h / 0.1)
         roll, pitch = before.roll + (roll - before.roll) * lag, before.pitch + (pitch - before.pitch) * lag
@@ -137,7 +136,7 @@ class Multicopter:
 
 
 def _follow(body: Body, wanted: EarthVelocity, h: float) -> Body:
-    """Speed and course each towards what is wanted; the course by its error and by the acceleration fed forward."""
+    """Move speed and course towards the setpoint. The course follows its error and the acceleration fed forward."""
     goal, speed = math.hypot(wanted.north, wanted.east), body.ground_speed
     feed = FEED_SHARE * (wanted.north * wanted.acceleration_east - wanted.east * wanted.acceleration_north) / goal**2
     fed = body.course_feed + (feed - body.course_feed) * (1 - math.exp(-h / FEED_LAG))
@@ -158,7 +157,7 @@ def _follow(body: Body, wanted: EarthVelocity, h: float) -> Body:
 
 
 def _towards(body: Body, wanted: EarthVelocity, h: float) -> Body:
-    """Starting and stopping: straight to the wanted velocity."""
+    """Move the velocity straight towards the setpoint, for starts and stops."""
     north, east = wanted.north - body.velocity_north, wanted.east - body.velocity_east
     missing = math.hypot(north, east)
     change = min(missing / SPEED_LAG, MOST_ACCELERATION) * h
@@ -194,11 +193,12 @@ def _displaced(moved: Body, before: Body, down: float, h: float) -> Body:
 
 @dataclass(frozen=True)
 class DraggedCopter:
-    """PX4's: the velocity loop in NED against drag, which is why a turning copter slows down and crabs. Drag in 1/s.
+    """PX4's copter: a velocity loop in NED against drag (1/s), so that a turning copter slows down and crabs.
 
-    MPC_XY_VEL_P_ACC 1.8, MPC_XY_VEL_I_ACC 0.4 and MPC_XY_VEL_D_ACC 0.2 with drag d make of a velocity setpoint that
-    turns at w, with no acceleration fed forward, the share (1.8 jw + .4) / (-1.2 w^2 + (1.8 + d) jw + .4): with d =
-    1/s, 5 m/s and 0.3 rad/s that is 3.78 m/s and 17 deg behind; 3.76 and 16 were flown.
+    The gains are MPC_XY_VEL_P_ACC 1.8, MPC_XY_VEL_I_ACC 0.4 and MPC_XY_VEL_D_ACC 0.2. For a velocity setpoint that
+    turns at w without feedforward, drag d gives the transfer function
+    (1.8 jw + 0.4) / (-1.2 w^2 + (1.8 + d) jw + 0.4). With d = 1/s, 5 m/s and 0.3 rad/s it predicts 3.78 m/s and a lag
+    of 17 deg; 3.76 m/s and 16 deg were flown.
     """
 
     yaw_loop: YawLoop
@@ -212,7 +212,7 @@ class DraggedCopter:
         return body
 
     def _small_step(self, body: Body, wanted: EarthVelocity, h: float, wind: tuple[float, float]) -> Body:
-        # The loop closes round the estimate: what it holds is off by the estimate's error.
+        # The loop controls the estimate, so the true velocity differs from the setpoint by the estimate's error.
         (error_north, error_east), (lean_north, lean_east) = body.error.velocity, body.error.lean
         missing_north = wanted.north - body.velocity_north - error_north
         missing_east = wanted.east - body.velocity_east - error_east
@@ -225,7 +225,7 @@ class DraggedCopter:
         limited = math.hypot(north, east) >= most * 0.999
         north, east = north - GRAVITY * lean_north, east - GRAVITY * lean_east
         drag_north, drag_east = (self.drag * speed for speed in body.through_air(wind))
-        # the loop takes DERIVATIVE times the acceleration that comes of it off what it asks for
+        # the derivative term subtracts DERIVATIVE times the resulting acceleration
         north_rate, east_rate = (north - drag_north) / (1 + DERIVATIVE), (east - drag_east) / (1 + DERIVATIVE)
         velocity_north, velocity_east = body.velocity_north + north_rate * h, body.velocity_east + east_rate * h
         sink = body.velocity_down + (wanted.down + SINKING - body.velocity_down) * (1 - math.exp(-h / CLIMB_LAG))

@@ -1,4 +1,4 @@
-"""A rover whose steering rings: a turn-rate loop of second order in the place of the well-tuned first-order one."""
+"""A rover with ringing steering: a second-order turn-rate loop instead of the well-tuned first-order one."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ STEP = 0.02
 
 @dataclass(frozen=True)
 class RingingRover:
-    """Goes where its nose points; the speed follows with a lag in s."""
+    """A rover that moves along its nose. Its speed follows with a lag in s."""
 
     yaw_loop: YawLoop
     speed_lag: float

@@ -1,8 +1,8 @@
 """The ideal airframe: north' = V cos(heading), east' = V sin(heading), heading' = turn rate, integrated exactly.
 
-The turn rate follows the command through a limit and a first-order lag, the speed through a first-order lag. With both
-settled a step is an exact arc; while they settle the heading and the speed are still exact and the path is a
-Gauss-Legendre quadrature over at most 0.1 s and 0.25 rad (error below a micrometre).
+The turn rate follows the command through a limit and a first-order lag, the speed through a first-order lag. When both
+have settled, a step is an exact arc. Until then heading and speed are exact. The path is then a Gauss-Legendre
+quadrature over at most 0.1 s and 0.25 rad (error below a micrometer).
 """
 
 import math
@@ -24,7 +24,7 @@ class Unicycle:
     speed_lag: float
 
     def step(self, body: Body, demand: Velocity, dt: float) -> Body:
-        """The body `dt` seconds later under a constant demand."""
+        """Return the body `dt` seconds later under a constant demand."""
         if dt <= 0:
             return body
         if isinstance(demand, BodyVelocity):
@@ -37,7 +37,7 @@ class Unicycle:
         return moved._replace(
             down=down,
             velocity_down=(down - body.down) / dt,
-            roll=math.atan(moved.forward_speed * moved.turn_rate / GRAVITY),  # turns at this rate without slip
+            roll=math.atan(moved.forward_speed * moved.turn_rate / GRAVITY),  # coordinated turn
         )
 
     def _with_the_nose(self, body: Body, demand: BodyVelocity, dt: float) -> Body:
@@ -90,7 +90,7 @@ class Unicycle:
 
 
 class _Lagged:
-    """A quantity relaxing from `start` to `goal` with a first-order lag; a lag of 0 is there at once."""
+    """A value that moves from `start` to `goal` with a first-order lag; with lag 0 at once."""
 
     def __init__(self, start: float, goal: float, lag: float) -> None:
         self.goal, self.lag = goal, lag
@@ -109,7 +109,7 @@ class _Lagged:
 
 
 def _arc(heading: float, rate: _Lagged, forward: _Lagged, right: _Lagged, dt: float) -> tuple[float, float]:
-    """The exact displacement of a steady turn: a chord along the mean heading."""
+    """Return the exact displacement of a steady turn: a chord along the mean heading."""
     half = rate.goal * dt / 2
     chord = dt * (math.sin(half) / half if abs(half) > 1e-4 else 1 - half * half / 6)
     cos, sin = math.cos(heading + half), math.sin(heading + half)

@@ -1,1 +1,1 @@
-"""One small module per vehicle: which messages it obeys, which it ignores, and what it does when they stop."""
+"""One module per vehicle: the messages that it obeys or ignores, and its reaction when they stop."""

@@ -1,4 +1,4 @@
-"""ArduCopter 4.6.3: GUIDED takes velocities, GUIDED and GUIDED_NOGPS attitudes, each for three seconds."""
+"""ArduCopter 4.6.3: GUIDED flies velocities, GUIDED and GUIDED_NOGPS fly attitudes, each for 3 s."""
 
 from typing import ClassVar
 
@@ -12,7 +12,7 @@ from .ardupilot import ArduPilot
 from .contract import IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Ack, Command, Say, Severity
 from .copter_targets import (
     GoTo,
-    Poison,
+    NotFinite,
     Speeds,
     Stop,
     climb_out,
@@ -27,7 +27,7 @@ from .tables import COPTER, copter_parameters
 GUIDED, RTL, LAND, GUIDED_NOGPS, SMART_RTL = 4, 6, 9, 20, 21
 TAKEOFF, DO_CHANGE_SPEED = 22, 178
 LEG_US = 100_000
-FALL = Brake(deceleration=1.0, down=10.0)  # on the ground: nothing
+FALL = Brake(deceleration=1.0, down=10.0)  # no effect on the ground
 LEVEL = Tilt(0.0, 0.0)
 SINKING = Tilt(0.0, 0.0, climb=-0.62)  # 5 m in 8 s
 
@@ -35,7 +35,7 @@ Target = BodyVelocity | EarthVelocity | GoTo | Tilt | Spin
 
 
 class ArduCopter(ArduPilot):
-    """The copter's flight modes over an airframe; what GUIDED flies is one target and the time it came."""
+    """Flight modes of the copter. GUIDED flies one target until it times out."""
 
     NEEDS_POSITION = frozenset({3, 4, 5, 6, 7, 11, 16, 17, 21})
     NOT_ARMABLE = frozenset({3, 6, 9, 14, 15, 17, 19, 21})
@@ -62,8 +62,8 @@ class ArduCopter(ArduPilot):
     def fly(self, dt: float, wind: tuple[float, float]) -> Body:
         return self._airframe.step(self.body, self._demand, dt, wind)
 
-    def next_thought(self) -> int:
-        return super().next_thought() if self._on_a_leg() or not self.armed else self._target_until()
+    def next_decision(self) -> int:
+        return super().next_decision() if self._on_a_leg() or not self.armed else self._target_until()
 
     def _target_until(self) -> int:
         return NEVER if self._target is None else self._since + self.params.microseconds("GUID_TIMEOUT")
@@ -71,10 +71,10 @@ class ArduCopter(ArduPilot):
     def wake(self, now: int) -> None:
         super().wake(now)
         if self.armed and self._on_a_leg():
-            self._think_at = now + LEG_US
+            self._decide_at = now + LEG_US
             self._demand = self._leg()
         elif self.armed and now >= self._target_until():
-            self._rest(LEVEL if isinstance(self._target, (Tilt, Spin)) else Brake())  # without a word, in the same mode
+            self._rest(LEVEL if isinstance(self._target, (Tilt, Spin)) else Brake())  # same mode, no STATUSTEXT
 
     def _on_a_leg(self) -> bool:
         guided_leg = self.mode == GUIDED and (self._climbing_to is not None or isinstance(self._target, GoTo))
@@ -109,19 +109,21 @@ class ArduCopter(ArduPilot):
             return self._take(read_attitude_target(message, self.params), now)
         if kind == "SET_POSITION_TARGET_LOCAL_NED" and self.mode == GUIDED:
             return self._take(read_local_target(message, self.body, self._airframe.turns_with_nose), now)
-        if kind == "SET_POSITION_TARGET_LOCAL_NED":  # without GPS it upsets the controller: stops and sinks
+        if kind == "SET_POSITION_TARGET_LOCAL_NED":  # in GUIDED_NOGPS it disturbs the controller: stops and sinks
             self._rest(SINKING)
         return False
 
-    def _take(self, target: Target | Stop | Poison | None, now: int) -> bool:
-        if isinstance(target, Poison):
+    def _take(self, target: Target | Stop | NotFinite | None, now: int) -> bool:
+        # ArduCopter does not check these values. The attitude controller loses the vehicle, and the crash check disarms
+        # it in the air.
+        if isinstance(target, NotFinite):
             self.say(Severity.EMERGENCY, "Crash: Disarming: AngErr=180>30, Accel=0.1<3.0")
             self.set_armed(False)
         elif isinstance(target, Stop):
             self._rest(self._idle())
-        if target is None or isinstance(target, (Poison, Stop)):
+        if target is None or isinstance(target, (NotFinite, Stop)):
             return False
-        self._target, self._since, self._think_at = target, now, now
+        self._target, self._since, self._decide_at = target, now, now
         self._demand = to_point(self.body, target, self._leg_speeds) if isinstance(target, GoTo) else target
         return True
 
@@ -134,7 +136,7 @@ class ArduCopter(ArduPilot):
         return self._take_off(command, now) if command.number == TAKEOFF else Ack.UNSUPPORTED
 
     def _change_speed(self, command: Command) -> int:
-        """Of the legs that it flies by itself, until it is asked for another."""
+        """Set the speed of legs, until the next DO_CHANGE_SPEED."""
         kind, speed = command.params[:2]
         names = {0: "WPNAV_SPEED", 1: "WPNAV_SPEED", 2: "WPNAV_SPEED_UP", 3: "WPNAV_SPEED_DN"}
         if kind not in names or not 0 < speed < 100:
@@ -145,11 +147,11 @@ class ArduCopter(ArduPilot):
     def _take_off(self, command: Command, now: int) -> int:
         if self.mode != GUIDED or not self.armed or self.flying() or not command.z > 0:
             return Ack.FAILED
-        self._climbing_to, self._think_at = -command.z, now
+        self._climbing_to, self._decide_at = -command.z, now
         return Ack.ACCEPTED
 
     def entered(self, mode: int, now: int) -> None:
-        self._climbing_to, self._think_at = None, now
+        self._climbing_to, self._decide_at = None, now
         self._rest(self._idle())
 
     def flying(self) -> bool:
@@ -159,11 +161,11 @@ class ArduCopter(ArduPilot):
         self._climbing_to = None
         self._rest(FALL)
 
-    def refuge(self) -> int:
+    def failsafe_mode(self) -> int:
         return RTL if self.position else LAND
 
     def ground_station_lost(self, now: int) -> None:
-        self.fail_to(self.refuge(), now, Severity.WARNING, "GCS Failsafe")
+        self.fail_to(self.failsafe_mode(), now, Severity.WARNING, "GCS Failsafe")
 
     def estimator_lost(self, now: int) -> None:
         if self.mode in self.NEEDS_POSITION and self.params["FS_EKF_ACTION"] != 0:
@@ -180,7 +182,7 @@ class ArduCopter(ArduPilot):
         return LANDING if self.mode == LAND else IN_AIR
 
     def shown_airspeed(self, shown: Body, wind: tuple[float, float]) -> float:
-        """A copter without an airspeed sensor shows its ground speed, if it knows it."""
+        """Return the airspeed of the sensor. Without one: the ground speed if there is a position estimate, else 0."""
         if self._airspeed_sensor:
             return shown.airspeed(wind)
         return shown.ground_speed if self.position else 0.0

@@ -1,4 +1,4 @@
-"""What the ArduPilot vehicles have in common: modes, arming, the ground station's and the estimator's failsafes."""
+"""Common part of the ArduPilot vehicles: modes, arming, failsafes of ground station and estimator."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from .contract import CUSTOM_MODE_ENABLED, FORCE, STANDBY, Ack, Autopilot, Comma
 
 STABILIZED = 16
 DO_SET_MODE, ARM_DISARM, DO_REPOSITION = 176, 400, 192
-SEA_LEVEL, ABOVE_HOME = (0, 5), (3, 6)  # MAV_FRAMEs of a height
+SEA_LEVEL, ABOVE_HOME = (0, 5), (3, 6)  # MAV_FRAMEs with this altitude reference
 
 # REQUEST_DATA_STREAM groups (GCS_Mavlink.cpp of the vehicles).
 STREAM_GROUPS: Mapping[int, tuple[int, ...]] = {
@@ -29,13 +29,13 @@ STREAM_GROUPS: Mapping[int, tuple[int, ...]] = {
 
 
 class ArduPilot(Autopilot):
-    """Mode, arming and failsafes; a vehicle says in a few sets how it takes its modes."""
+    """Modes, arming and failsafes. A vehicle defines the properties of its modes in a few sets."""
 
     POSITION_LOSS_US = 8_000_000  # until "EKF variance"
     NEEDS_POSITION: frozenset[int] = frozenset()
     NOT_ARMABLE: frozenset[int]
     MANUAL_MODES: frozenset[int]
-    GUIDED_MODES: frozenset[int]  # those that fly by themselves
+    GUIDED_MODES: frozenset[int]  # modes without pilot input
     MODE_COMMANDS: ClassVar[Mapping[int, int]]
     BASE_MODE = CUSTOM_MODE_ENABLED | STABILIZED
 
@@ -44,24 +44,24 @@ class ArduPilot(Autopilot):
         self._odometry = config.vehicle.odometry
         self.failsafe = False
         self._gcs_switch = "FS_GCS_ENABLE" if "FS_GCS_ENABLE" in params else "FS_GCS_ENABL"  # the plane's name
-        self._gcs_heard: int | None = None
+        self._gcs_heartbeat_at: int | None = None
 
     @abstractmethod
     def disarmed(self) -> None: ...
 
     @abstractmethod
-    def refuge(self) -> int:
-        """The mode of a failsafe."""
+    def failsafe_mode(self) -> int:
+        """Return the mode of a failsafe."""
 
     @abstractmethod
     def ground_station_lost(self, now: int) -> None: ...
 
     def estimator_lost(self, now: int) -> None:
-        """A plane's never is: its estimator goes on by its airspeed."""
+        """React to the loss of the position estimate. A plane never loses it: its estimator continues with airspeed."""
 
     @abstractmethod
     def go_to(self, north: float, east: float, down: float, now: int) -> None:
-        """In GUIDED, fly to a place and stay there."""
+        """Fly to a place in GUIDED and stay there."""
 
     def own_command(self, command: Command, now: int) -> int:
         return Ack.UNSUPPORTED
@@ -98,8 +98,10 @@ class ArduPilot(Autopilot):
         return (self.own_command(command, now) if mode is None else self.change_mode(mode, now),)
 
     def _reposition(self, command: Command, now: int) -> int:
-        """As handle_command_int_do_reposition: in GUIDED, or with the flag that enters it. A real one takes it on the
-        ground, too, and stays there; here that is refused."""
+        """Handle DO_REPOSITION in GUIDED, or with the flag that enters GUIDED (handle_command_int_do_reposition).
+
+        A real vehicle also accepts it on the ground and stays there. Here it is refused.
+        """
         guided, flags = self.identity.modes["GUIDED"], command.params[1]
         changes_mode = 0 <= flags < 2**31 and int(flags) & 1
         if self.mode != guided and not changes_mode:
@@ -133,11 +135,11 @@ class ArduPilot(Autopilot):
         if not armed:
             self.disarmed()
 
-    def heard(self, message: Message, now: int) -> None:
-        super().heard(message, now)
+    def on_message(self, message: Message, now: int) -> None:
+        super().on_message(message, now)
         kind = message.get_type()
         if kind == "HEARTBEAT" and message.get_srcSystem() == self.params["SYSID_MYGCS"]:
-            self._gcs_heard = now
+            self._gcs_heartbeat_at = now
             self.failsafe = False
         if kind == "SET_GPS_GLOBAL_ORIGIN" and self._odometry:
             self.position = True
@@ -155,7 +157,7 @@ class ArduPilot(Autopilot):
             self.estimator_lost(now)
         if now >= self._gcs_deadline():
             self.failsafe = True
-            self._gcs_heard = None
+            self._gcs_heartbeat_at = None
             self.ground_station_lost(now)
 
     def fail_to(self, mode: int, now: int, severity: int, text: str) -> None:
@@ -164,13 +166,13 @@ class ArduPilot(Autopilot):
         self.force_mode(mode, now)
 
     def radio_lost(self, now: int) -> None:
-        self.fail_to(self.refuge(), now, Severity.WARNING, "Radio Failsafe")
+        self.fail_to(self.failsafe_mode(), now, Severity.WARNING, "Radio Failsafe")
 
     def _gcs_deadline(self) -> int:
-        if self._gcs_heard is None or not self.armed or self.params[self._gcs_switch] == 0:
+        if self._gcs_heartbeat_at is None or not self.armed or self.params[self._gcs_switch] == 0:
             return NEVER
         once_more = self.params.get("FS_TIMEOUT", 0.0)  # the rover's
-        return self._gcs_heard + round((self.params["FS_GCS_TIMEOUT"] + once_more) * 1e6)
+        return self._gcs_heartbeat_at + round((self.params["FS_GCS_TIMEOUT"] + once_more) * 1e6)
 
     def base_mode(self) -> int:
         manual = 64 if self.mode in self.MANUAL_MODES else 0

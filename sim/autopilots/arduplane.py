@@ -1,4 +1,4 @@
-"""ArduPlane 4.6.3: GUIDED takes a bank for three seconds, height and airspeed stay with the autopilot."""
+"""ArduPlane 4.6.3: GUIDED flies a bank for 3 s; the autopilot controls height and airspeed."""
 
 import math
 from typing import ClassVar, NamedTuple
@@ -17,19 +17,19 @@ from .tables import PLANE, plane_parameters
 
 CIRCLE, RTL, LOITER, TAKEOFF, GUIDED = 1, 11, 12, 13, 15
 LOITERING = frozenset({RTL, LOITER, TAKEOFF, GUIDED})
-ROLL_RATE, PITCH_RATE, THROTTLE, ATTITUDE = 0x01, 0x02, 0x40, 0x80  # bits of its type_mask
+ROLL_RATE, PITCH_RATE, THROTTLE, ATTITUDE = 0x01, 0x02, 0x40, 0x80  # bits of SET_ATTITUDE_TARGET.type_mask
 EXTERNAL_POSITION = 43003
 CHANGE_SPEED, CHANGE_ALTITUDE, CHANGE_HEADING, DO_CHANGE_SPEED, DO_CHANGE_ALTITUDE = 43000, 43001, 43002, 178, 186
-THINK_US, LOOP_US, TIMEOUT_US = 100_000, 20_000, 3_000_000
+DECIDE_US, LOOP_US, TIMEOUT_US = 100_000, 20_000, 3_000_000
 HEADING_GAIN = 2.0
 CIRCLE_BANK = math.radians(20)
-# Half of a bank after 0.36 .. 0.5 s, 15 % too far; slip 1 deg at 14 deg of bank, 2.2 at 26, 3.7 at 42.
+# Measured: half of a bank after 0.36 to 0.5 s, overshoot 15 %; side-slip 1 deg at 14 deg of bank, 2.2 at 26, 3.7 at 42.
 LIFT, FIN = (-0.067, 0.044), (0.0173, -0.0346)
 AIRFRAME = FixedWing(0.747, 0.0, 5.3, 0.52, dead_time=0.18, nose_frequency=13.6, pitch=LIFT, fin=FIN)
 
 
 class ArduPlane(ArduPilot):
-    """The plane's flight modes: every one comes down to a bank, a height and an airspeed."""
+    """Flight modes of the plane. Each gives a bank, a height and an airspeed."""
 
     FIRST_MODE = "LOITER"
     POSITION_LOSS_US = 10_000_000  # NavEKF3's posRetryTimeUseVel_ms
@@ -40,14 +40,14 @@ class ArduPlane(ArduPilot):
     def __init__(self, config: VehicleConfig, say: Say, start: Body) -> None:
         vehicle = config.vehicle
         super().__init__(PLANE, plane_parameters(config), config, say, start)
-        self._odometry = True  # its estimator goes on by its airspeed
+        self._odometry = True  # the estimator continues with airspeed
         self._airframe = AIRFRAME.configured(vehicle)
         self._scale = vehicle.airspeed_scale or AIRSPEED_SCALE[vehicle.profile]
         self._speed = self.params["AIRSPEED_CRUISE"]  # indicated
         self._height = start.down
         self._loiter = Loiter(start.north, start.east, self.params["WP_LOITER_RAD"])
         self._forced: Forced | None = None
-        self._heading: tuple[float, float] | None = None  # held by 43002: heading, bank limit
+        self._heading: tuple[float, float] | None = None  # of command 43002: heading, bank limit
         self._since = 0
         self._sticks = Sticks(vehicle.system_id)
         self._bank = 0.0
@@ -61,12 +61,12 @@ class ArduPlane(ArduPilot):
 
     def wake(self, now: int) -> None:
         super().wake(now)
-        self._think_at = now + THINK_US
+        self._decide_at = now + DECIDE_US
         if self._forced is not None and now - self._since >= TIMEOUT_US:
-            self._forced = None  # without a word: back to the loiter
-        self._bank = self._wanted_bank(now)
+            self._forced = None  # back to loiter, no STATUSTEXT
+        self._bank = self._bank_command(now)
 
-    def _wanted_bank(self, now: int) -> float:
+    def _bank_command(self, now: int) -> float:
         limit = math.radians(self.params["ROLL_LIMIT_DEG"])
         if self.mode == GUIDED and self._forced is not None:
             return within(self._forced.roll or 0.0, limit)
@@ -82,14 +82,14 @@ class ArduPlane(ArduPilot):
 
     def setpoint(self, message: Message, now: int) -> bool:
         if message.get_type() != "SET_ATTITUDE_TARGET" or self.mode != GUIDED or not self.armed:
-            return self._sticks.heard(message, now, int(self.params["SYSID_MYGCS"]))
+            return self._sticks.receive(message, now, int(self.params["SYSID_MYGCS"]))
         forced = read_attitude_target(message)
         if forced is None:
             return False
         self._forced, self._since = forced, now
         if forced.pitch is not None:
             self._height = self.body.down
-        self._think_at = now + -now % LOOP_US  # a setpoint waits for the main loop, 50 Hz
+        self._decide_at = now + -now % LOOP_US  # a setpoint waits for the main loop, 50 Hz
         return True
 
     def go_to(self, north: float, east: float, down: float, now: int) -> None:
@@ -99,20 +99,20 @@ class ArduPlane(ArduPilot):
 
     def own_command(self, command: Command, now: int) -> int:
         if command.number == EXTERNAL_POSITION:
-            return self._be_placed(command)
+            return self._set_external_position(command)
         if command.number in (DO_CHANGE_ALTITUDE, CHANGE_ALTITUDE):
             return self._change_altitude(command)
         if command.number in (CHANGE_SPEED, DO_CHANGE_SPEED):
             return self._change_speed(command)
         return self._change_heading(command) if command.number == CHANGE_HEADING else Ack.UNSUPPORTED
 
-    def _be_placed(self, command: Command) -> int:
-        """As NavEKF3 does: only without GPS, and only without an altitude."""
+    def _set_external_position(self, command: Command) -> int:
+        """Accept an external position as NavEKF3 does: only without GPS and only without an altitude."""
         if not math.isnan(command.z) or not (abs(command.x) <= 90 and abs(command.y) <= 180):
             return Ack.DENIED
         if self.gps:
             return Ack.FAILED
-        self._placed = from_degrees(command.x, command.y)
+        self._external_position = from_degrees(command.x, command.y)
         return Ack.ACCEPTED
 
     def _change_altitude(self, command: Command) -> int:
@@ -124,7 +124,7 @@ class ArduPlane(ArduPilot):
 
     def _change_speed(self, command: Command) -> int:
         kind, speed = command.params[0], command.params[1]
-        mission = command.number == DO_CHANGE_SPEED  # a mission's item, for any mode that flies by itself
+        mission = command.number == DO_CHANGE_SPEED  # a mission item: accepted in all modes without pilot input
         if self.mode != GUIDED and not (mission and self.mode in self.GUIDED_MODES):
             return Ack.FAILED
         if kind != 0 or not self.params["AIRSPEED_MIN"] <= speed <= self.params["AIRSPEED_MAX"]:
@@ -141,13 +141,13 @@ class ArduPlane(ArduPilot):
         self._heading = (math.radians(heading), math.atan(max(0.05, acceleration) / GRAVITY))
         return Ack.ACCEPTED
 
-    def heard(self, message: Message, now: int) -> None:
-        super().heard(message, now)
-        self._sticks.heard(message, now, int(self.params["SYSID_MYGCS"]))
+    def on_message(self, message: Message, now: int) -> None:
+        super().on_message(message, now)
+        self._sticks.receive(message, now, int(self.params["SYSID_MYGCS"]))
 
     def entered(self, mode: int, now: int) -> None:
         self._forced = self._heading = None
-        self._think_at = now
+        self._decide_at = now
         home = mode == RTL
         place = (0.0, 0.0) if home else (self.body.north, self.body.east)
         self._loiter = Loiter(*place, self.params["WP_LOITER_RAD"])
@@ -156,22 +156,22 @@ class ArduPlane(ArduPilot):
     def disarmed(self) -> None:
         self._forced = self._heading = None
 
-    def refuge(self) -> int:
+    def failsafe_mode(self) -> int:
         return RTL
 
     def ground_station_lost(self, now: int) -> None:
-        self.say(Severity.WARNING, f"GCS Failsafe On: {self.mode_name(self.mode)}")  # FS_LONG_ACTN 0: and carries on
+        self.say(Severity.WARNING, f"GCS Failsafe On: {self.mode_name(self.mode)}")  # FS_LONG_ACTN 0: the mode stays
 
     def shown_airspeed(self, shown: Body, wind: tuple[float, float]) -> float:
-        """Indicated: what the thin air leaves of the true airspeed."""
+        """Return the indicated airspeed."""
         return shown.air_speed / self._scale
 
-    def wanted_roll(self) -> float:
+    def commanded_roll(self) -> float:
         return self._bank
 
 
 class Forced(NamedTuple):
-    """What a companion forces; None is left to the autopilot."""
+    """Values forced by a companion; None: controlled by the autopilot."""
 
     roll: float | None
     pitch: float | None
@@ -179,10 +179,10 @@ class Forced(NamedTuple):
 
 
 def read_attitude_target(message: Message) -> Forced | None:
-    """As GCS_Mavlink.cpp does (handle_set_attitude_target): the ignore bits only select what is forced.
+    """Read SET_ATTITUDE_TARGET as handle_set_attitude_target in GCS_Mavlink.cpp does.
 
-    Roll when its rate bit or the attitude bit is clear, pitch likewise, throttle when its bit is clear. Body rates are
-    never used, throttle alone is nothing.
+    The ignore bits only select the forced values: roll if its rate bit or the attitude bit is clear, pitch likewise,
+    throttle if its bit is clear. Body rates are never used. Return None for throttle alone.
     """
     mask = message.type_mask
     q = tuple(message.q)

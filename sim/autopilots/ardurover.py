@@ -1,4 +1,4 @@
-"""Rover 4.6.3: GUIDED takes a speed and a turn rate for three seconds, whatever the frame says."""
+"""Rover 4.6.3: GUIDED drives a speed and a turn rate for 3 s, in every coordinate frame."""
 
 import math
 from typing import ClassVar
@@ -19,14 +19,14 @@ HOLD, LOITER, RTL, SMART_RTL, GUIDED = 4, 5, 11, 12, 15
 DO_CHANGE_SPEED = 178
 POSITION, VELOCITY, ACCELERATION, YAW_RATE = 0x007, 0x038, 0x1C0, 0x800
 THROTTLE_BIT, YAW_RATE_BIT = 0x40, 0x04
-TIMEOUT_US, THINK_US = 3_000_000, 100_000
+TIMEOUT_US, DECIDE_US = 3_000_000, 100_000
 TURN_LAG, SPEED_LAG, TURN_GAIN = 0.12, 0.4, 0.985
-TIGHTEST = 0.9  # m: an Ackermann rover does not turn on the spot
-HOMING, NEARNESS, AT_PLACE = 0.8, 0.4, 2.0  # 1/s, 1/s: speed wanted per metre left, m
+TIGHTEST = 0.9  # smallest turn radius of an Ackermann rover, m
+HOMING, NEARNESS, AT_PLACE = 0.8, 0.4, 2.0  # heading gain, 1/s; speed per remaining distance, 1/s; arrival radius, m
 
 
 class ArduRover(ArduPilot):
-    """The rover's modes: hold, go home, or what the companion says."""
+    """Modes of the rover: hold, return home, or drive the companion's setpoints."""
 
     FIRST_MODE = "HOLD"
     NEEDS_POSITION = frozenset({5, 6, 9, 10, 11, 12, 15})
@@ -62,10 +62,10 @@ class ArduRover(ArduPilot):
         rate = within(target.yaw_rate * self._gain, tightest)
         return self._airframe.step(self.body, target._replace(yaw_rate=rate), dt)._replace(roll=0.0)
 
-    def next_thought(self) -> int:
+    def next_decision(self) -> int:
         if self.armed and self.mode == GUIDED and self._target is not None:
             return self._since + TIMEOUT_US
-        return NEVER if self._goal is None else super().next_thought()
+        return NEVER if self._goal is None else super().next_decision()
 
     def wake(self, now: int) -> None:
         super().wake(now)
@@ -73,7 +73,7 @@ class ArduRover(ArduPilot):
             self._target = None
             self.say(Severity.WARNING, "target not received last 3secs, stopping")
         if self._goal is not None:
-            self._think_at = now + THINK_US
+            self._decide_at = now + DECIDE_US
             self._homing = self._way(*self._goal)
 
     def _way(self, north: float, east: float) -> BodyVelocity | None:
@@ -99,10 +99,10 @@ class ArduRover(ArduPilot):
         return True
 
     def go_to(self, north: float, east: float, down: float, now: int) -> None:
-        self._target, self._goal, self._think_at = None, (north, east), now
+        self._target, self._goal, self._decide_at = None, (north, east), now
 
     def own_command(self, command: Command, now: int) -> int:
-        """Only a way to a place has a speed that can be changed: a setpoint brings its own."""
+        """Handle DO_CHANGE_SPEED. It is refused except on a leg to a place, because a setpoint has its own speed."""
         if command.number != DO_CHANGE_SPEED:
             return Ack.UNSUPPORTED
         if self._goal is None or not 0 < command.params[1] < 100:
@@ -111,7 +111,7 @@ class ArduRover(ArduPilot):
         return Ack.ACCEPTED
 
     def _local_target(self, message: Message) -> BodyVelocity | None:
-        """Velocity and yaw rate; the frame is irrelevant. Other combinations are dropped without a word."""
+        """Return velocity and yaw rate in any frame, or None for other combinations, which are dropped silently."""
         mask = message.type_mask
         if not (mask & POSITION and mask & ACCELERATION) or mask & YAW_RATE:
             return None
@@ -121,7 +121,7 @@ class ArduRover(ArduPilot):
         return BodyVelocity(self._clipped(speed), yaw_rate=message.yaw_rate)
 
     def _attitude_target(self, message: Message) -> BodyVelocity | None:
-        """Thrust is a share of WP_SPEED; the yaw rate counts whatever the other bits say."""
+        """Return speed (thrust as a fraction of WP_SPEED) and yaw rate. If masked, steer to the heading."""
         if message.type_mask & THROTTLE_BIT:
             return None
         speed = self._clipped(message.thrust * self.params["WP_SPEED"])
@@ -138,7 +138,7 @@ class ArduRover(ArduPilot):
         self._target = self._homing = None
         self._leg_speed = self.params["WP_SPEED"]
         self._goal = (0.0, 0.0) if mode in (RTL, SMART_RTL) else None
-        self._think_at = now
+        self._decide_at = now
 
     def flying(self) -> bool:
         return False
@@ -146,11 +146,11 @@ class ArduRover(ArduPilot):
     def disarmed(self) -> None:
         self._target = self._homing = self._goal = None
 
-    def refuge(self) -> int:
+    def failsafe_mode(self) -> int:
         return HOLD
 
     def ground_station_lost(self, now: int) -> None:
-        self.radio_lost(now)  # so it says, for a ground station too
+        self.radio_lost(now)  # the rover sends the same text for a lost ground station
 
     def estimator_lost(self, now: int) -> None:
         if self.params["FS_EKF_ACTION"] != 0:

@@ -1,4 +1,4 @@
-"""What every autopilot is to the vehicle around it, and what all of them do alike."""
+"""Interface of the autopilots, and their common behavior."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -14,7 +14,7 @@ from ..links import Message
 from ..params import Parameters
 
 Say = Callable[[int, str], None]
-"""Send a STATUSTEXT of this severity."""
+"""Function that sends a STATUSTEXT with this severity."""
 
 CUSTOM_MODE_ENABLED = 1
 STANDBY, ACTIVE, CRITICAL = 3, 4, 5  # MAV_STATE
@@ -35,14 +35,16 @@ class Severity(IntEnum):
 
 
 def message_ids(text: str) -> frozenset[int]:
-    """Numbers and ranges, "24 30-33"."""
+    """Parse message ids and ranges, as in "24 30-33"."""
     parts = (part.split("-") for part in text.split())
     return frozenset(number for part in parts for number in range(int(part[0]), int(part[-1]) + 1))
 
 
 class Command(NamedTuple):
-    """COMMAND_LONG and COMMAND_INT alike; x and y in degrees, as the LONG carries them. frame: of x, y and z; a LONG
-    has none, and ArduPilot takes its height as above home."""
+    """A COMMAND_LONG or COMMAND_INT. x, y: degrees, as in COMMAND_LONG.
+
+    frame: MAV_FRAME of x, y and z. COMMAND_LONG has none; ArduPilot reads its altitude as above home.
+    """
 
     number: int
     params: tuple[float, float, float, float]
@@ -55,7 +57,7 @@ class Command(NamedTuple):
 
 @dataclass(frozen=True)
 class Identity:
-    """What does not change: who this autopilot says it is and how it treats its links."""
+    """Constant properties: the identity that this autopilot reports and its behavior on links."""
 
     mav_type: int
     autopilot: int
@@ -67,22 +69,22 @@ class Identity:
     unknown_ids: frozenset[int]
     default_streams: Mapping[int, int] = field(default_factory=dict)
     interval_refusal: Ack = Ack.DENIED
-    adopts_strays: bool = True  # acts on what is addressed to a component of its system that nobody has heard
+    adopts_strays: bool = True  # handles messages to a component of its system that has never sent a message
     mode_refusal: str = "Mode change to {name} failed: {reason}"
-    texts_for_gcs_only: bool = False  # STATUSTEXT only where a ground station's heartbeat was seen
+    texts_for_gcs_only: bool = False  # STATUSTEXT only on links with a ground station's heartbeat
     ranges_on_update: bool = False  # DISTANCE_SENSOR once per sample, not once per interval
 
 
 class Autopilot(ABC):
-    """Decides what the airframe shall do. Times are sim time in microseconds; acks are MAV_RESULT values.
+    """Computes the demands on the airframe. Times are simulated microseconds; acks are MAV_RESULT values.
 
-    body: what is flown, moved by whoever calls `fly`. gps: whether the receiver has a fix. position: whether the
-    estimator knows where it is.
+    body: the vehicle's state; the caller of `fly` stores it. gps: True if the receiver has a fix. position: True if
+    the estimator has a position.
     """
 
     FIRST_MODE: str
     failsafe: bool
-    POSITION_LOSS_US: int  # from the loss of the GPS to the estimator's
+    POSITION_LOSS_US: int  # time from the loss of GPS to the loss of the position estimate
 
     def __init__(self, identity: Identity, params: Parameters, config: VehicleConfig, say: Say, body: Body) -> None:
         self.identity = identity
@@ -93,59 +95,59 @@ class Autopilot(ABC):
         self.armed = config.start.armed
         self.gps = self.position = config.vehicle.gps
         self._position_until = NEVER
-        self._think_at = 0  # when it next decides anew what to fly
-        self._placed: tuple[float, float] | None = None
+        self._decide_at = 0  # time of the next new demand
+        self._external_position: tuple[float, float] | None = None
 
-    def take_placed(self) -> tuple[float, float] | None:
-        """Where somebody else has said that it is, north and east, m, once; None: nobody has, or it does not obey."""
-        placed, self._placed = self._placed, None
+    def take_external_position(self) -> tuple[float, float] | None:
+        """Return an external position (north, east in m) once; None if there is none or this autopilot ignores it."""
+        placed, self._external_position = self._external_position, None
         return placed
 
     def wake_us(self) -> int:
-        """When something may change by itself (a timeout, a waypoint leg)."""
-        return min(self._position_until, self.next_thought())
+        """Return the time of the next call of `wake` (a timeout, a waypoint leg)."""
+        return min(self._position_until, self.next_decision())
 
-    def next_thought(self) -> int:
-        """When the demand may change by itself."""
-        return self._think_at if self.armed else NEVER
+    def next_decision(self) -> int:
+        """Return the time at which the demand may change without a message."""
+        return self._decide_at if self.armed else NEVER
 
     @abstractmethod
     def wake(self, now: int) -> None: ...
 
     @abstractmethod
     def fly(self, dt: float, wind: tuple[float, float]) -> Body:
-        """The body after `dt` seconds of the present demand."""
+        """Return the body after `dt` seconds of the present demand."""
 
     @abstractmethod
     def setpoint(self, message: Message, now: int) -> bool:
-        """Take a setpoint; True if it is now flown."""
+        """Handle a setpoint. Return True if it is accepted and flown."""
 
     @abstractmethod
     def command(self, command: Command, now: int) -> tuple[int, ...]:
-        """The acks to send, in order."""
+        """Handle a command. Return the acks to send, in order."""
 
     @abstractmethod
     def change_mode(self, mode: int, now: int) -> int:
-        """Enter a mode unless something stands against it; the ack."""
+        """Enter a mode if its requirements are met. Return the ack."""
 
     @abstractmethod
     def entered(self, mode: int, now: int) -> None:
-        """A mode has begun."""
+        """Set up the mode that has just begun."""
 
     @abstractmethod
     def set_armed(self, armed: bool, now: int) -> None: ...
 
     @abstractmethod
     def radio_lost(self, now: int) -> None:
-        """The pilot's radio is gone."""
+        """React to the loss of the pilot's radio."""
 
-    def heard(self, message: Message, now: int) -> None:
-        """Any other message for the autopilot (a mode, a ground station's heartbeat, sticks)."""
+    def on_message(self, message: Message, now: int) -> None:
+        """Handle any other message for the autopilot (a mode, a ground station's heartbeat, sticks)."""
         if message.get_type() == "SET_MODE" and message.base_mode & CUSTOM_MODE_ENABLED:  # obeyed, but has no ack
             self.change_mode(message.custom_mode, now)
 
-    def happen(self, event: Event, now: int) -> None:
-        """A scripted event that the autopilot itself notices."""
+    def on_event(self, event: Event, now: int) -> None:
+        """Handle a scripted event that affects the autopilot."""
         if event.action == "mode":
             self.change_mode(self.identity.modes[event.mode or ""], now)
         elif event.action in ("arm", "disarm"):
@@ -158,7 +160,7 @@ class Autopilot(ABC):
             self.gps, self.position, self._position_until = True, True, NEVER
 
     def reckons(self) -> bool:
-        """Whether the estimator goes on without any position measured."""
+        """True if the estimator continues without a measured position."""
         return self.position and not self.gps and self._position_until == NEVER
 
     def mode_name(self, mode: int) -> str:
@@ -176,19 +178,19 @@ class Autopilot(ABC):
         return ACTIVE if self.active() else STANDBY
 
     def active(self) -> bool:
-        """Whether HEARTBEAT calls it active."""
+        """True if HEARTBEAT reports MAV_STATE_ACTIVE."""
         return self.armed
 
     @abstractmethod
     def shown_airspeed(self, shown: Body, wind: tuple[float, float]) -> float:
-        """VFR_HUD.airspeed: what this vehicle reports, which need not be the true airspeed."""
+        """Return VFR_HUD.airspeed, which may differ from the true airspeed."""
 
     def flown(self) -> Demand | Bank | Glide | None:
-        """The setpoint being flown, of vehicles that echo it (POSITION_TARGET_LOCAL_NED, ATTITUDE_TARGET)."""
+        """Return the setpoint being flown, if this vehicle reports it (POSITION_TARGET_LOCAL_NED, ATTITUDE_TARGET)."""
         return None
 
-    def wanted_roll(self) -> float | None:
-        """The bank asked for after its limits, rad, of vehicles that tell (NAV_CONTROLLER_OUTPUT)."""
+    def commanded_roll(self) -> float | None:
+        """Return the commanded bank after its limits, rad, if this vehicle reports it (NAV_CONTROLLER_OUTPUT)."""
         return None
 
     def landed_state(self) -> int:

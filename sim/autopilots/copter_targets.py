@@ -1,8 +1,7 @@
-"""SET_POSITION_TARGET_LOCAL_NED and SET_ATTITUDE_TARGET as ArduCopter 4.6.3 reads them (GCS_Mavlink.cpp), and where it
-flies by itself: to a point, up, home, down.
+"""Targets of ArduCopter 4.6.3 (GCS_Mavlink.cpp), and its legs without pilot input: to a point, up, home, down.
 
-Of a position target any of a group's three ignore bits ignores the whole group; whatever is no known combination stops
-the vehicle.
+In SET_POSITION_TARGET_LOCAL_NED one ignore bit of a group of three ignores the whole group. An unknown combination
+stops the vehicle.
 """
 
 import math
@@ -19,13 +18,13 @@ POSITION, VELOCITY, ACCELERATION = 0x007, 0x038, 0x1C0
 FORCE, YAW_RATE = 0x200, 0x800
 RATES, THROTTLE, ATTITUDE = 0x07, 0x40, 0x80
 THRUST_AS_THRUST = 8  # GUID_OPTIONS bit 3
-NEARNESS = 0.5  # 1/s: speed wanted per metre left
+NEARNESS = 0.5  # 1/s: speed per remaining distance
 AT_HOME = 2.0  # m
-INSANE = 1000.0  # m/s: ArduCopter's sane_vel_or_acc_vector
+MAX_SANE_SPEED = 1000.0  # m/s, as in ArduCopter's sane_vel_or_acc_vector
 
 
 class GoTo(NamedTuple):
-    """A place to fly to and stay at."""
+    """Fly to a place and stay there."""
 
     north: float
     east: float
@@ -33,18 +32,18 @@ class GoTo(NamedTuple):
 
 
 class Stop(NamedTuple):
-    """What ArduCopter makes of a target it does not understand: mode_guided.init(true)."""
+    """Stop the vehicle, as ArduCopter does for an unsupported target: mode_guided.init(true)."""
 
 
-class Poison(NamedTuple):
-    """A yaw rate or acceleration that is not a number is not checked and goes straight into the controllers."""
+class NotFinite(NamedTuple):
+    """A yaw rate or acceleration that is not finite: ArduCopter does not check it and passes it to the controllers."""
 
 
-Target = BodyVelocity | EarthVelocity | GoTo | Stop | Poison
+Target = BodyVelocity | EarthVelocity | GoTo | Stop | NotFinite
 
 
 def read_local_target(message: Message, body: Body, turns_with_nose: bool) -> Target:
-    """The target; a body-frame velocity is rotated once, now, unless the vehicle is the ideal unicycle."""
+    """Return the target. A body-frame velocity is rotated by the present heading, unless the vehicle is a unicycle."""
     mask, frame = message.type_mask, message.coordinate_frame
     if frame not in (LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED):
         return Stop()
@@ -59,12 +58,12 @@ def read_local_target(message: Message, body: Body, turns_with_nose: bool) -> Ta
 
 def _velocity(message: Message, body: Body, turns_with_nose: bool) -> Target:
     wanted = (message.vx, message.vy, message.vz)
-    if any(math.isnan(v) or abs(v) > INSANE for v in wanted):
+    if any(math.isnan(v) or abs(v) > MAX_SANE_SPEED for v in wanted):
         return Stop()
     yaw_rate = 0.0 if message.type_mask & YAW_RATE else message.yaw_rate
     fed: tuple[float, float] = (0.0, 0.0) if message.type_mask & ACCELERATION else (message.afx, message.afy)
     if not all(map(math.isfinite, (yaw_rate, *fed))):
-        return Poison()
+        return NotFinite()
     if message.coordinate_frame in (LOCAL_NED, LOCAL_OFFSET_NED):
         return EarthVelocity(*wanted, yaw_rate, *fed)
     if turns_with_nose:
@@ -84,8 +83,8 @@ def _position(message: Message, body: Body) -> Target:
     return GoTo(north, east, down)
 
 
-def read_attitude_target(message: Message, params: Parameters) -> Tilt | Spin | Stop | Poison | None:
-    """The demand; Stop when ill-defined, None when it is silently dropped."""
+def read_attitude_target(message: Message, params: Parameters) -> Tilt | Spin | Stop | NotFinite | None:
+    """Return the demand, Stop if the message is invalid, or None if it is silently dropped."""
     mask = message.type_mask
     if mask & THROTTLE:
         return None
@@ -95,7 +94,7 @@ def read_attitude_target(message: Message, params: Parameters) -> Tilt | Spin | 
     rates = (0.0, 0.0, 0.0) if given else (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
     climb, thrust = _lift(message.thrust, params)
     if not all(map(math.isfinite, (*rates, climb))):
-        return Poison()
+        return NotFinite()
     if mask & ATTITUDE:
         return Spin(rates[0], rates[1], rates[2], climb, thrust)
     q = tuple(message.q)
@@ -106,7 +105,7 @@ def read_attitude_target(message: Message, params: Parameters) -> Tilt | Spin | 
 
 
 def _lift(thrust: float, params: Parameters) -> tuple[float, float | None]:
-    """A climb rate, m/s: 0.5 holds the height; or the raw thrust if the parameters say so."""
+    """Return (climb rate in m/s, raw thrust). Thrust 0.5 holds the height, unless GUID_OPTIONS selects raw thrust."""
     if int(params["GUID_OPTIONS"]) & THRUST_AS_THRUST:
         return 0.0, within(thrust, 1.0)
     if not math.isfinite(thrust):
@@ -116,7 +115,7 @@ def _lift(thrust: float, params: Parameters) -> tuple[float, float | None]:
 
 
 Speeds = ChainMap[str, float]
-"""The speeds that DO_CHANGE_SPEED has set, cm/s, over the parameters."""
+"""Speeds in cm/s: those set by DO_CHANGE_SPEED, else the parameters."""
 
 
 def to_point(body: Body, goal: GoTo, params: Speeds) -> Demand:
@@ -126,14 +125,14 @@ def to_point(body: Body, goal: GoTo, params: Speeds) -> Demand:
 
 
 def climb_out(body: Body, down: float, params: Speeds) -> Demand | None:
-    """Up to a height; None once there."""
+    """Climb to a height. Return None at that height."""
     if body.down <= down + 0.1:
         return None
     return EarthVelocity(0.0, 0.0, max(-params["WPNAV_SPEED_UP"] / 100, NEARNESS * (down - body.down) - 0.2))
 
 
 def way_home(body: Body, params: Speeds) -> Demand | None:
-    """Up to RTL_ALT, home, down; None once landed."""
+    """Climb to RTL_ALT, fly home, descend. Return None after landing."""
     if math.hypot(body.north, body.east) <= AT_HOME:
         return descent(body, params)
     cruise = min(body.down, -params["RTL_ALT"] / 100)
@@ -143,7 +142,7 @@ def way_home(body: Body, params: Speeds) -> Demand | None:
 
 
 def descent(body: Body, params: Speeds) -> Demand | None:
-    """Straight down, slowly below 10 m; None once landed."""
+    """Descend vertically, slowly below 10 m. Return None after landing."""
     if body.down >= -0.01:
         return None
     return Brake(down=params["LAND_SPEED" if body.down > -10.0 else "WPNAV_SPEED_DN"] / 100)

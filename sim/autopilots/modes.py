@@ -2,7 +2,7 @@
 
 
 def numbered(names: str) -> dict[str, int]:
-    """Modes in the order of their numbers, from 0; a dash is a number without a mode."""
+    """Number the modes from 0; a dash is a number without a mode."""
     return {name: number for number, name in enumerate(names.split()) if name != "-"}
 
 
@@ -15,7 +15,7 @@ PLANE = numbered(
     "INITIALISING"
 )
 ROVER = numbered("MANUAL ACRO - STEERING HOLD LOITER FOLLOW SIMPLE - CIRCLE AUTO RTL SMART_RTL - - GUIDED INITIALISING")
-# PX4's custom_mode has the main mode in byte 2 and, of AUTO (4), the sub mode in byte 3
+# PX4's custom_mode has the main mode in byte 2 and, for AUTO (4), the sub mode in byte 3
 _MAIN = numbered("- MANUAL ALTCTL POSCTL - ACRO OFFBOARD STABILIZED - - - ALT_CRUISE")
 _AUTO = numbered("- - TAKEOFF LOITER MISSION RTL LAND")
 PX4 = {name: main << 16 for name, main in _MAIN.items()} | {name: 4 << 16 | sub << 24 for name, sub in _AUTO.items()}

@@ -1,4 +1,4 @@
-"""What the PX4 vehicles have in common: modes and what they require, OFFBOARD's watchdog, the double acks."""
+"""Common part of the PX4 vehicles: modes and their requirements, OFFBOARD's watchdog, double acks."""
 
 import math
 from abc import abstractmethod
@@ -22,7 +22,7 @@ NEEDS_POSITION = frozenset({POSCTL, LOITER, RTL, TAKEOFF, MODES["MISSION"]})
 MAIN_AUTO = 4
 DO_SET_MODE, ARM_DISARM, DO_CHANGE_SPEED, DO_REPOSITION, TAKEOFF_COMMAND = 176, 400, 178, 192, 22
 MODE_COMMANDS = {20: RTL, 21: LAND, 17: LOITER}
-NOT_GIVEN = (2**31 - 1) * 1e-7  # degrees: what a COMMAND_INT holds for "not given", which a COMMAND_LONG says by NaN
+NOT_GIVEN = (2**31 - 1) * 1e-7  # degrees: "not given" in a COMMAND_INT; NaN in a COMMAND_LONG
 LOSS_DELAY_US = 50_000
 LOSS_ACTIONS = {3: RTL, 4: LAND, 5: LOITER}  # COM_OBL_RC_ACT; anything else falls through to RTL without sticks
 STICK_LOSS_ACTIONS = {1: LOITER, 2: RTL, 3: LAND}  # NAV_RCL_ACT; 5 (terminate) and 6 (disarm) stop the motors
@@ -30,7 +30,7 @@ STICK_LOSS_EXCEPTIONS = {MODES["MISSION"]: 1, LOITER: 2, TAKEOFF: 2, OFFBOARD: 4
 
 
 class Px4(Autopilot):
-    """Commander: the mode that is wanted, the mode that is flown, and the watchdogs between them."""
+    """Commander: the intended mode, the flown mode, and the watchdogs that change between them."""
 
     FIRST_MODE = "LOITER"
     POSITION_LOSS_US = 5_000_000
@@ -39,19 +39,19 @@ class Px4(Autopilot):
         super().__init__(identity, params, config, say, body)
         self.sticks = Sticks(config.vehicle.system_id)
         self.take_off_to: float | None = None
-        self.cruise: float | None = None  # m/s asked for by DO_CHANGE_SPEED, for the modes that fly by themselves
+        self.cruise: float | None = None  # m/s, from DO_CHANGE_SPEED, for modes without pilot input
         self._setpoint: Trajectory | Tilt | Spin | None = None
         self._setpoint_at: int | None = 0 if self.mode == OFFBOARD else None
-        self._sticks_lost = False  # their failsafe is on: until somebody chooses a mode
-        self._missed: int | None = None  # the last stick before a loss that was dealt with
+        self._sticks_lost = False  # failsafe of lost sticks is active, until a mode is commanded
+        self._missed: int | None = None  # time of the last stick message before a loss that was handled
         self._act_at = NEVER
 
     @abstractmethod
     def hold_at(self, place: tuple[float, float] | None, down: float | None) -> None:
-        """Hold at a place (north, east) and a height; None is where it is."""
+        """Hold at a place (north, east) and a height; None: the present one."""
 
     def needs_velocity(self) -> bool:
-        """Whether what OFFBOARD flies needs a velocity estimate."""
+        """True if the setpoint in OFFBOARD requires a velocity estimate."""
         return not isinstance(self._setpoint, (Tilt, Spin))
 
     @property
@@ -59,9 +59,9 @@ class Px4(Autopilot):
         return self._sticks_lost or self.mode != self.intended
 
     def setpoint(self, message: Message, now: int) -> bool:
-        """An accepted setpoint feeds the watchdog, and brings OFFBOARD back by itself when that is still wanted."""
+        """Handle a setpoint. An accepted one feeds the watchdog and returns to OFFBOARD if that is still intended."""
         if message.get_type() == "MANUAL_CONTROL":
-            return self.sticks.heard(message, now, None)
+            return self.sticks.receive(message, now, None)
         taken = read_setpoint(message, self.body)
         if isinstance(taken, Rejected):
             self.say(Severity.ERROR, taken.text)
@@ -73,7 +73,7 @@ class Px4(Autopilot):
         return True
 
     def _return_to_offboard(self, now: int) -> None:
-        """Only a failsafe of OFFBOARD's own clears by itself, the one of lost sticks does not."""
+        """Return to OFFBOARD after its own failsafe. After the failsafe of lost sticks PX4 does not return."""
         fell_out = self.mode != self.intended and not self._sticks_lost
         if fell_out and self.intended == OFFBOARD and self._obstacle(OFFBOARD, now) is None:
             self._fly_mode(OFFBOARD, now)
@@ -96,7 +96,7 @@ class Px4(Autopilot):
             self._fail_to(STICK_LOSS_ACTIONS.get(int(self.params["NAV_RCL_ACT"]), LOITER), now)
 
     def _lose_sticks(self, now: int) -> None:
-        """Hold first, so that a pilot can choose a mode, then NAV_RCL_ACT; sticks that come back change nothing."""
+        """Hold, so that a pilot can select a mode, and later do NAV_RCL_ACT. Returning sticks do not cancel it."""
         self._missed = self.sticks.last
         number, delay = int(self.params["NAV_RCL_ACT"]), self.params["COM_FAIL_ACT_T"]
         action = STICK_LOSS_ACTIONS.get(number)
@@ -104,7 +104,7 @@ class Px4(Autopilot):
             if number in (5, 6):
                 self.set_armed(False, now)
         elif action == RTL and self.intended == LAND:
-            self.say(Severity.CRITICAL, "Failsafe activated")  # a warning: it lands already
+            self.say(Severity.CRITICAL, "Failsafe activated")  # a warning only: it is landing already
         else:
             self._sticks_lost, self._act_at = True, now + round(delay * 1e6)
             self._fail_to(LOITER, now, f"Failsafe activated: entering Hold for {delay:.0f} seconds")
@@ -119,7 +119,7 @@ class Px4(Autopilot):
         return self._setpoint_at + self.params.microseconds("COM_OF_LOSS_T") + LOSS_DELAY_US
 
     def _sticks_deadline(self) -> int:
-        """In any mode: once a stick was heard it counts as lost when it falls silent, and is lost once."""
+        """Return the time at which silent sticks count as lost. It applies in every mode, once per loss."""
         last = self.sticks.last
         excepted = int(self.params["COM_RCL_EXCEPT"]) & STICK_LOSS_EXCEPTIONS.get(self.intended, 0)
         if not self.armed or self.failsafe or last is None or last == self._missed or excepted:
@@ -163,7 +163,7 @@ class Px4(Autopilot):
 
     def command(self, command: Command, now: int) -> tuple[int, ...]:
         number = command.number
-        if number == DO_SET_MODE:  # the receiver accepts whatever it is, then Commander decides
+        if number == DO_SET_MODE:  # the receiver accepts every request, then Commander sends its own ack
             return (Ack.ACCEPTED, self._set_mode(command, now))
         if number == ARM_DISARM:
             return (self._arm(command.params[0], command.params[1] == FORCE, now),)
@@ -178,8 +178,10 @@ class Px4(Autopilot):
         return (Ack.UNSUPPORTED if mode is None else self.change_mode(mode, now),)
 
     def _reposition(self, command: Command, now: int) -> int:
-        """Hold there, in degrees and metres above sea level; what is not given is kept as it is. A real one takes it on
-        the ground, too, and stays there; here that is refused, and so is what is no place."""
+        """Hold at a place in degrees and meters above sea level; values that are not given stay as they are.
+
+        A real vehicle also accepts it on the ground and stays there. Here that is refused, as is an invalid place.
+        """
         given = [abs(degrees) < NOT_GIVEN for degrees in (command.x, command.y)]
         place = abs(command.x) <= 90 and abs(command.y) <= 180
         if not self.flying() or (any(given) and not place):
@@ -192,7 +194,7 @@ class Px4(Autopilot):
         return ack
 
     def _change_speed(self, speed: float) -> int:
-        """m/s; -1: as it is, -2: the default."""
+        """Set the speed in m/s. -1: no change, -2: the default."""
         if not (0 < speed < math.inf or speed in (-1, -2)):
             self.say(Severity.CRITICAL, f"Change speed denied: {speed:g} m/s")
             return Ack.DENIED
@@ -222,15 +224,15 @@ class Px4(Autopilot):
         return Ack.ACCEPTED
 
     def set_armed(self, armed: bool, now: int) -> None:
-        """Sticks that are already silent when it is armed are not missed until they are heard again."""
+        """Arm or disarm. Sticks that are silent at arming do not count as lost until they send again."""
         self.armed = armed
         self._sticks_lost, self._act_at = False, NEVER
         if not self.sticks_alive(now):
             self._missed = self.sticks.last
         self.entered(self.mode, now)
 
-    def happen(self, event: Event, now: int) -> None:
-        super().happen(event, now)
+    def on_event(self, event: Event, now: int) -> None:
+        super().on_event(event, now)
         if event.action == "gps_on":
             self._return_to_offboard(now)
 

@@ -1,4 +1,4 @@
-"""PX4 multicopter: OFFBOARD flies velocities or attitudes for one second, and comes back by itself."""
+"""PX4 multicopter: OFFBOARD flies velocities or attitudes for 1 s; a new setpoint returns to OFFBOARD."""
 
 import math
 
@@ -16,8 +16,8 @@ from .px4 import LAND, LOITER, NEEDS_STICKS, OFFBOARD, RTL, TAKEOFF, Px4
 from .px4_targets import NOTHING, Trajectory
 from .tables import px4_identity, px4_parameters
 
-THINK_US, IDLE_US = 20_000, 500_000
-MOST_YAW_RATE = 2.25  # rad/s, what MC_YAWRATE_MAX 200 deg/s comes to
+DECIDE_US, IDLE_US = 20_000, 500_000
+MOST_YAW_RATE = 2.25  # rad/s, as flown with MC_YAWRATE_MAX 200 deg/s
 POSITION_GAIN, YAW_GAIN, HEIGHT_GAIN = 0.95, 2.8, 1.0
 FASTEST, CLIMB, SINK = 12.0, 3.0, 1.5  # m/s, MPC_XY_VEL_MAX and the vertical limits
 UNHELD_SINK = 0.7  # m/s: ALTCTL without sticks or position, as flown
@@ -25,7 +25,7 @@ IDENTITY = px4_identity(mav_type=2)
 
 
 class Px4Copter(Px4):
-    """PX4's multicopter: what OFFBOARD flies is the last accepted setpoint."""
+    """PX4's multicopter. OFFBOARD flies the last accepted setpoint."""
 
     def __init__(self, config: VehicleConfig, say: Say, start: Body) -> None:
         vehicle = config.vehicle
@@ -39,7 +39,7 @@ class Px4Copter(Px4):
         super().__init__(IDENTITY, px4_parameters(config, *own), config, say, start)
         limit = min(MOST_YAW_RATE, math.radians(vehicle.max_turn_rate_deg_s))
         drag, lean = (1.0 if vehicle.drag_per_s is None else vehicle.drag_per_s), vehicle.max_lean_deg or PX4_LEAN_DEG
-        yaw_loop = YawLoop(limit, dead_time=0.12, frequency=5.0, damping=0.7)  # 63 % of a step after 0.45 .. 0.5 s
+        yaw_loop = YawLoop(limit, dead_time=0.12, frequency=5.0, damping=0.7)  # 63 % of a step after 0.45 to 0.5 s
         real = DraggedCopter(yaw_loop.configured(vehicle), drag, math.radians(lean))
         ideal = Unicycle(limit, vehicle.turn_lag_s, vehicle.speed_lag_s)
         by_velocity = ideal if vehicle.dynamics == "unicycle" else real
@@ -54,15 +54,15 @@ class Px4Copter(Px4):
 
     def wake(self, now: int) -> None:
         super().wake(now)
-        if now >= self._think_at:
-            self._think(now)
+        if now >= self._decide_at:
+            self._decide(now)
 
-    def _think(self, now: int) -> None:
-        self._think_at = now + (IDLE_US if self._steady() else THINK_US)
+    def _decide(self, now: int) -> None:
+        self._decide_at = now + (IDLE_US if self._steady() else DECIDE_US)
         self._demand = self._wanted()
 
     def _steady(self) -> bool:
-        """Whether the demand stays as it is until the next setpoint: nothing is being steered to."""
+        """True if the demand is constant until the next setpoint."""
         if self.mode != OFFBOARD or self._setpoint is None:
             return False
         if isinstance(self._setpoint, Trajectory):
@@ -86,7 +86,7 @@ class Px4Copter(Px4):
         return _towards(body, *self._hold, min(FASTEST, self.cruise or FASTEST))
 
     def _from_trajectory(self, setpoint: Trajectory | None) -> Demand:
-        """Velocities as they are, positions through the position loop; an incomplete one hovers."""
+        """Return the demand: velocities plus the output of the position loop. An incomplete setpoint hovers."""
         body = self.body
         if setpoint is None:
             return _towards(body, *self._hold)
@@ -114,7 +114,7 @@ class Px4Copter(Px4):
 
     def _landing(self) -> Demand:
         if self.body.down >= -0.05:
-            self.set_armed(False, self._think_at)
+            self.set_armed(False, self._decide_at)
             return Brake()
         return EarthVelocity(0.0, 0.0, 0.7)
 
@@ -132,13 +132,13 @@ class Px4Copter(Px4):
         height = asked - HOME_AMSL_M if asked is not None and math.isfinite(asked) else self.params["MIS_TAKEOFF_ALT"]
         if body.down <= -height + 0.2:
             self._hold = (body.north, body.east, -height)
-            self.change_mode(LOITER, self._think_at)
+            self.change_mode(LOITER, self._decide_at)
         return EarthVelocity(0.0, 0.0, max(-1.5, min(0.0, -height - body.down - 0.1)))
 
     def setpoint(self, message: Message, now: int) -> bool:
         taken = super().setpoint(message, now)
         if taken and message.get_type() != "MANUAL_CONTROL" and self.mode == OFFBOARD and self.armed:
-            self._think(now)
+            self._decide(now)
         return taken
 
     def command(self, command: Command, now: int) -> tuple[int, ...]:
@@ -150,7 +150,7 @@ class Px4Copter(Px4):
         self._hold = (north, east, self._hold[2] if down is None else down)
 
     def entered(self, mode: int, now: int) -> None:
-        self._think_at = now
+        self._decide_at = now
 
     def flown(self) -> Demand | None:
         return self._demand if self.mode == OFFBOARD else None

@@ -1,4 +1,4 @@
-"""PX4 fixed wing: sticks in ALTCTL with height and speed held, or OFFBOARD attitude and thrust with nothing held."""
+"""PX4 fixed wing: sticks in ALTCTL with held height and airspeed, or attitude and thrust in OFFBOARD without."""
 
 import math
 from dataclasses import replace
@@ -15,17 +15,17 @@ from .px4 import ALTCTL, LAND, OFFBOARD, POSCTL, RTL, Px4
 from .px4_targets import Trajectory
 from .tables import px4_identity, px4_parameters
 
-THINK_US = 50_000
-# 63 % of a bank after 0.5 s, by stick after 0.6 .. 0.7 s; the heading's rate follows the course's by 0.14 s.
+DECIDE_US = 50_000
+# Measured: 63 % of a bank after 0.5 s, by stick after 0.6 to 0.7 s; turn rate 0.14 s behind the course rate.
 BY_ATTITUDE = FixedWing(1.0, roll_frequency=4.5, roll_damping=1.0, dead_time=0.08, nose_frequency=10.0)
 BY_STICK = replace(BY_ATTITUDE, dead_time=0.12)
-COURSE_GAIN = 0.835  # rad/s: turn rate towards a position setpoint, times the sine of the angle to it
+COURSE_GAIN = 0.835  # rad/s: turn rate towards a position setpoint, per sine of the angle to it
 BANKED_BY_STICKS = frozenset({ALTCTL, POSCTL, MODES["ALT_CRUISE"]})
 IDENTITY = px4_identity(mav_type=1)
 
 
 class Px4Plane(Px4):
-    """PX4's fixed wing: a bank held for the sticks and its own modes, physics for attitude setpoints."""
+    """PX4's fixed wing: a held bank for sticks and autonomous modes, physics for attitude setpoints."""
 
     def __init__(self, config: VehicleConfig, say: Say, start: Body) -> None:
         vehicle = config.vehicle
@@ -67,10 +67,10 @@ class Px4Plane(Px4):
 
     def wake(self, now: int) -> None:
         super().wake(now)
-        self._think_at = now + THINK_US
-        self._bank = self._wanted_bank(now)
+        self._decide_at = now + DECIDE_US
+        self._bank = self._bank_command(now)
 
-    def _wanted_bank(self, now: int) -> float:
+    def _bank_command(self, now: int) -> float:
         limit = math.radians(self.params["FW_R_LIM"])
         if self.mode in BANKED_BY_STICKS:
             return self.sticks.roll(now, self.params.microseconds("COM_RC_LOSS_T")) * limit
@@ -81,7 +81,7 @@ class Px4Plane(Px4):
         return bank_on_loiter(self.body, self._loiter, limit, self._by_stick.effectiveness)
 
     def _bank_to_point(self, limit: float) -> float:
-        """A position setpoint is flown to; one of velocities alone is taken and has no effect."""
+        """Return the bank towards a position setpoint. A setpoint of velocities alone is accepted without effect."""
         setpoint, body = self._setpoint, self.body
         if not isinstance(setpoint, Trajectory) or setpoint.position[0] is None or setpoint.position[1] is None:
             return 0.0
@@ -98,7 +98,7 @@ class Px4Plane(Px4):
         self._height = self._height if down is None else down
 
     def entered(self, mode: int, now: int) -> None:
-        self._think_at = now
+        self._decide_at = now
         place = (0.0, 0.0) if mode == RTL else (self.body.north, self.body.east)
         self._loiter = Loiter(*place, self.params["NAV_LOITER_RAD"])
         self._height = 0.0 if mode == LAND else self.body.down

@@ -1,6 +1,6 @@
 """SET_POSITION_TARGET_LOCAL_NED and SET_ATTITUDE_TARGET as PX4 reads them (mavlink_receiver.cpp of 2026-03).
 
-Each axis counts on its own in LOCAL_NED; in BODY_NED positions never count and a velocity counts whole or not at all.
+In LOCAL_NED each axis is used or ignored separately. In BODY_NED positions are ignored, and a velocity needs all axes.
 """
 
 import math
@@ -18,13 +18,13 @@ Axis = float | None
 
 
 class Rejected(NamedTuple):
-    """Dropped, with the text a ground station would see."""
+    """A rejected setpoint and the text that is sent to ground stations."""
 
     text: str
 
 
 class Trajectory(NamedTuple):
-    """What to hold, axis by axis: NED metres, m/s and m/s^2; None is free."""
+    """Setpoint per axis: NED meters, m/s and m/s^2; None: not controlled."""
 
     position: tuple[Axis, Axis, Axis]
     velocity: tuple[Axis, Axis, Axis]
@@ -38,7 +38,7 @@ NOTHING: tuple[Axis, Axis, Axis] = (None, None, None)
 
 
 def read_setpoint(message: Message, body: Body) -> Trajectory | Tilt | Spin | Rejected | None:
-    """What a message asks for; None: nothing that counts."""
+    """Return the setpoint of a message; None if it has no effect."""
     kind = message.get_type()
     if kind == "SET_POSITION_TARGET_LOCAL_NED":
         return read_local_target(message, body)
@@ -69,7 +69,7 @@ def read_local_target(message: Message, body: Body) -> Trajectory | Rejected:
 
 
 def _masked_in(mask: int, frame: int) -> bool:
-    """Some axis was offered, even if its number was none: taken, but nothing can be flown from it."""
+    """True if the mask selects an axis, even one that is not finite. Such a setpoint is accepted but not flown."""
     if frame == BODY_NED:
         return not mask & 0x038 or not mask & ACCELERATION
     return mask & 0x1FF != 0x1FF
@@ -88,7 +88,7 @@ def _rotated(vector: tuple[Axis, Axis, Axis], heading: float) -> tuple[Axis, Axi
 
 
 def _by_attitude(vector: tuple[Axis, Axis, Axis], body: Body) -> tuple[Axis, Axis, Axis]:
-    """Accelerations turn with the whole attitude, unlike velocities."""
+    """Rotate an acceleration by the whole attitude; velocities are rotated by the heading only."""
     x, y, z = vector
     if x is None or y is None or z is None:
         return NOTHING
@@ -102,7 +102,7 @@ def _finite(value: float) -> Axis:
 
 
 def read_attitude_target(message: Message) -> Tilt | Spin | None:
-    """Attitude first, else body rates (both roll and pitch rate needed); no throttle means none at all."""
+    """Return the attitude, else body rates (roll and pitch rate required). A masked throttle is a thrust of 0."""
     mask = message.type_mask
     none = mask & THROTTLE or not math.isfinite(message.thrust)
     thrust = 0.0 if none else max(0.0, min(1.0, message.thrust))

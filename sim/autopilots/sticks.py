@@ -8,15 +8,15 @@ IGNORED_AXIS = 32767
 
 
 class Sticks:
-    """The roll stick and when it was heard last; ArduPilot listens only to its own ground station's id."""
+    """The roll stick and the time of its last message. ArduPilot accepts it only from its own ground station's id."""
 
     def __init__(self, system: int) -> None:
         self._system = system
         self._roll = 0.0
         self.last: int | None = None
 
-    def heard(self, message: Message, now: int, pilot: int | None) -> bool:
-        """True if the message moved the stick. `pilot` is the only system listened to, None listens to all."""
+    def receive(self, message: Message, now: int, pilot: int | None) -> bool:
+        """Read a message. Return True if it moved the stick. pilot: the only accepted system id; None: all."""
         if pilot is not None and message.get_srcSystem() != pilot:
             return False
         kind = message.get_type()
@@ -31,7 +31,7 @@ class Sticks:
         return False
 
     def roll(self, now: int, timeout: int) -> float:
-        """-1 .. 1, to the right positive; centred once it is `timeout` us old."""
+        """Return the stick, -1 to 1, right positive; 0 if it is older than `timeout` (us)."""
         return self._roll if self.alive(now, timeout) else 0.0
 
     def alive(self, now: int, timeout: int) -> bool:

@@ -1,4 +1,4 @@
-"""Who the autopilots say they are, what they stream, and those of their parameters that matter to a companion."""
+"""Identities of the autopilots, their streams, and the parameters that matter to a companion."""
 
 from dataclasses import replace
 
@@ -11,21 +11,21 @@ from .contract import Ack, Identity, message_ids
 VERSION_4_6_3 = 0x040603FF
 
 # Mission float and int, param float, command int, attitude target, flight termination, compass calibration, MAVLink 2,
-# fence and rally; FTP is left out because nobody answers it here.
+# fence and rally. FTP is left out because it is not supported here.
 CAPABILITIES = 1 | 2 | 4 | 8 | 64 | 2048 | 4096 | 8192 | 16384 | 32768
 SET_LOCAL_POSITION = 128 | 256
 
 # Not in ArduPilot 4.6's dialect: its parser drops them, so they are neither obeyed nor forwarded.
 UNKNOWN_IDS = message_ids("53 220-224 420 435-437 441 513 516 517 8002-8016 17000 17150-17158 60000-60053")
 
-# What SET_MESSAGE_INTERVAL takes (mavlink_id_to_ap_message_id in GCS_Common.cpp), whether or not this vehicle fills it.
+# Accepted by SET_MESSAGE_INTERVAL (mavlink_id_to_ap_message_id in GCS_Common.cpp), even if this vehicle lacks them.
 STREAMABLE = message_ids(
     "0 1 2 24 26 27 29 30 31 32 33 35 36 42 46 49 62 65 74 83 85 87 110 111 116 124 125 128 129 132 136 137 143 147 "
     "148 152 158 163 164 165 168 173 178 182 191 192 193 226 230 241 242 245 246 251 259 11020 11039"
 )
 TIMESYNC_EVERY = {111: 10_000_000}
 
-# What plane and rover send at 1 Hz without being asked; a copter sends nothing.
+# Sent by plane and rover at 1 Hz without a request; a copter sends none.
 UNASKED = dict.fromkeys((1, 2, 24, 27, 30, 33, 62, 65, 74, 116, 147, 193), 1_000_000) | TIMESYNC_EVERY
 
 COPTER = Identity(
@@ -108,7 +108,7 @@ _UNKNOWN = (
 )
 PX4_UNKNOWN_IDS = message_ids(_UNKNOWN)
 
-# As flown, without ODOMETRY, which nobody here needs.
+# As measured, without ODOMETRY, which is not used here.
 _RATES_HZ = {
     30: 100, 31: 50, 33: 50, 32: 30, 24: 8, 74: 10, 83: 10, 85: 10, 105: 50, 1: 5, 245: 5, 111: 10, 2: 1, 242: 0.5,
     436: 0.5, 132: 10, 147: 0.5,
@@ -118,7 +118,7 @@ PX4_STREAMABLE = frozenset(ONBOARD_STREAMS) | {29, 36, 62, 65, 105, 106, 140, 14
 
 
 def px4_identity(mav_type: int) -> Identity:
-    """PX4 main of 2026-03, 1.17 alpha."""
+    """Return the identity of PX4 main of 2026-03, 1.17 alpha."""
     return Identity(
         mav_type=mav_type,
         autopilot=12,

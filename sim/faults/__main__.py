@@ -1,4 +1,4 @@
-"""A broken link: python -m circnav_sim.faults --listen URL --forward URL [faults]."""
+"""An impaired link: python -m circnav_sim.faults --listen URL --forward URL [faults]."""
 
 import sys
 from collections.abc import Callable
@@ -10,54 +10,54 @@ import click
 
 from ..server import stop_signals
 from ..wires import EndpointError
-from .intruders import ground_station, recorded, strangers, twin, vehicle
+from .intruders import ground_station, recorded, twin, unknown_senders, vehicle
 from .link import FaultLink
 from .pipe import CLEAN, Impairment
 from .proxy import Proxy
 
 BAD_USAGE = 2
 EXAMPLE = """\b
-three terminals, a fifth of all datagrams lost and a minute of silence after two:
+three terminals, 20 % of all datagrams lost, and an outage of one minute after two minutes:
   circnav emulate arducopter --endpoint udpout:127.0.0.1:14551
   python -m circnav_sim.faults --loss 0.2 --outage 120+60 \\
       --forward udpin:127.0.0.1:14551 --listen udpout:127.0.0.1:14550
   circnav fly arducopter --endpoint udpin:127.0.0.1:14550
-With a vehicle of your own, let it send to port 14551 instead of 14550. Ctrl-C ends it and tells what was lost.
+Configure a vehicle of your own to send to port 14551 instead of 14550. Ctrl-C ends it and prints the losses.
 """
 RATE = click.FloatRange(0, 100_000, min_open=True)
 
 
 def line_options(command: Callable[..., None]) -> Callable[..., None]:
-    """The fractions and times of an impairment as options."""
+    """Add the fractions and times of an impairment as options."""
     for field in reversed(fields(Impairment)):
-        flag, told = f"--{field.name.replace('_', '-')}", field.metadata
-        if "fraction" in told:
-            text = f"Fraction {told['fraction']}."
-            command = click.option(flag, type=float, default=0.0, metavar="0..1", help=text)(command)
-        elif "time" in told:
-            command = click.option(flag, type=float, default=0.0, metavar="S", help=f"s, {told['time']}.")(command)
+        flag, meaning = f"--{field.name.replace('_', '-')}", field.metadata
+        if "fraction" in meaning:
+            text = f"Fraction {meaning['fraction']}."
+            command = click.option(flag, type=float, default=0.0, metavar="FRACTION", help=text)(command)
+        elif "time" in meaning:
+            command = click.option(flag, type=float, default=0.0, metavar="S", help=f"s, {meaning['time']}.")(command)
     return command
 
 
 @click.command(epilog=EXAMPLE)
-@click.option("--listen", required=True, metavar="URL", help="The application's side: udpin (it calls) or udpout.")
-@click.option("--forward", required=True, metavar="URL", help="The vehicle's side, as well.")
-@click.option("--seed", default=0, help="The same seed breaks the same datagrams.")
-@click.option("--only", type=click.Choice(["up", "down"]), help="Break this direction only (up: to the vehicle).")
+@click.option("--listen", required=True, metavar="URL", help="The application's side: udpin or udpout.")
+@click.option("--forward", required=True, metavar="URL", help="The vehicle's side: udpin or udpout.")
+@click.option("--seed", default=0, help="Seed: equal seeds impair the same datagrams.")
+@click.option("--only", type=click.Choice(["up", "down"]), help="Impair this direction only (up: to the vehicle).")
 @line_options
-@click.option("--depth", default=5, help="Most datagrams that overtake a held one.")
-@click.option("--in-order", is_flag=True, help="Jitter keeps the order, as a stream does.")
-@click.option("--outage", multiple=True, metavar="AT+LENGTH", help="Nothing passes: s from the start, and how long.")
-@click.option("--second-vehicle", type=click.IntRange(1, 255), metavar="SYSID", help="Another vehicle speaks, too.")
-@click.option("--twin", "twin_ids", metavar="SYS/COMP", help="Another companion under these ids.")
-@click.option("--flood", type=RATE, metavar="HZ", help="Unknown ids, names, systems, and a ground station.")
-@click.option("--inject", type=Path, metavar="FILE.tlog", help="Its frames join those of the vehicle.")
-@click.option("--inject-rate", type=RATE, default=10.0, metavar="HZ", help="How many of them a second.")
+@click.option("--depth", default=5, help="Most datagrams that overtake a delayed one.")
+@click.option("--in-order", is_flag=True, help="Jitter keeps the order, as in a stream.")
+@click.option("--outage", multiple=True, metavar="AT+LENGTH", help="Outage: start and length, s.")
+@click.option("--second-vehicle", type=click.IntRange(1, 255), metavar="SYSID", help="Add a second vehicle.")
+@click.option("--twin", "twin_ids", metavar="SYS/COMP", help="Add a second companion under these ids.")
+@click.option("--flood", type=RATE, metavar="HZ", help="Flood of unknown ids, names, systems, and a ground station.")
+@click.option("--inject", type=Path, metavar="FILE.tlog", help="Add the frames of this log.")
+@click.option("--inject-rate", type=RATE, default=10.0, metavar="HZ", help="Rate of these frames.")
 def main(
     listen: str, forward: str, seed: int, only: str | None, outage: tuple[str, ...], second_vehicle: int | None,
     twin_ids: str | None, flood: float | None, inject: Path | None, inject_rate: float, **line: Any,
 ) -> None:  # fmt: skip
-    """A broken UDP link between your own application and your own vehicle, in both directions."""
+    """Run an impaired UDP link between your application and your vehicle, in both directions."""
     stopped = stop_signals()
     try:
         broken = Impairment(**line, outages=tuple(map(_outage, outage)))
@@ -68,13 +68,13 @@ def main(
         if twin_ids:
             link.intruders.append(twin(*_ids(twin_ids)))
         if flood:
-            link.intruders += [strangers(flood, seed), ground_station(flood)]
+            link.intruders += [unknown_senders(flood, seed), ground_station(flood)]
         if inject:
             link.intruders.append(recorded(inject, inject_rate))
         proxy = Proxy(listen, forward, link)
     except (EndpointError, ValueError, OSError) as error:
-        told = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else error
-        click.echo(f"sim.faults: {told}", err=True)
+        reason = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else error
+        click.echo(f"sim.faults: {reason}", err=True)
         sys.exit(BAD_USAGE)
     click.echo(f"faults: {listen} <-> {forward}, seed {seed}: {broken}")
     try:

@@ -1,4 +1,4 @@
-"""MAVLink frames as the faults see them: cut out of what passes, packed in anybody's name with a right CRC."""
+"""MAVLink frames for the faults: split from passing data, or packed for any sender with a valid CRC."""
 
 from collections.abc import Iterator
 
@@ -8,12 +8,12 @@ V2, V2_HEADER, CRC = 0xFD, 10, 2
 
 
 def message_id(frame: bytes) -> int:
-    """Id of a MAVLink 2 frame; -1 for anything else."""
+    """Return the id of a MAVLink 2 frame, or -1 for other data."""
     return int.from_bytes(frame[7:10], "little") if len(frame) >= V2_HEADER + CRC and frame[0] == V2 else -1
 
 
 def frames(data: bytes, at: int = 0, apart: int = 0) -> Iterator[bytes]:
-    """The MAVLink 2 frames that stand one after the other from `at` on, with so many bytes between them."""
+    """Yield the successive MAVLink 2 frames from offset `at`, with `apart` bytes between them."""
     while at + V2_HEADER + CRC <= len(data) and data[at] == V2:
         end = at + data[at + 1] + V2_HEADER + CRC + (13 if data[at + 2] & 1 else 0)
         yield data[at:end]
@@ -21,14 +21,14 @@ def frames(data: bytes, at: int = 0, apart: int = 0) -> Iterator[bytes]:
 
 
 def write(message: mavlink.MAVLink_message, system: int, component: int, sequence: int = 0) -> bytes:
-    """A frame in anybody's name. Floats may be anything; integers must fit their fields."""
+    """Pack a frame of any sender. Floats may have any value; integers must fit their fields."""
     engine = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
     engine.seq = sequence
     return bytes(message.pack(engine))
 
 
 def raw_frame(number: int, payload: bytes, system: int, component: int, sequence: int = 0) -> bytes:
-    """A frame of any id with any payload; the CRC is right when the dialect knows the id."""
+    """Pack a frame of any id with any payload. The CRC is valid if the id is in the dialect."""
     kind = mavlink.mavlink_map.get(number)
     head = bytes((len(payload), 0, 0, sequence & 255, system, component)) + number.to_bytes(3, "little")
     crc: int = mavlink.x25crc(head + payload + bytes((kind.crc_extra if kind else 0,))).crc

@@ -1,4 +1,4 @@
-"""Others on the link: each function makes an intruder that speaks at a steady rate."""
+"""Other senders on the link. Each function returns an intruder that sends at a constant rate."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -12,81 +12,81 @@ from .link import DOWN, Intruder, Passage
 GCS = (255, 190)
 
 
-def speaking(rate: float, words: Callable[[int], Iterable[bytes]], *, direction: str = DOWN) -> Intruder:
-    """Says `words(n)` at a rate in Hz, n counting from 0."""
-    spoken: list[float] = []
+def periodic(rate: float, make: Callable[[int], Iterable[bytes]], *, direction: str = DOWN) -> Intruder:
+    """Return an intruder that sends the frames `make(n)` at a rate in Hz, n = 0, 1, ..."""
+    progress: list[float] = []  # time of the first call, number of calls of make
 
     def intruder(now: float) -> list[Passage]:
-        if not spoken:
-            spoken.extend((now, 0))
-        said: list[Passage] = []
-        while spoken[0] + spoken[1] / rate <= now:
-            said += [(direction, frame) for frame in words(int(spoken[1]))]
-            spoken[1] += 1
-        return said
+        if not progress:
+            progress.extend((now, 0))
+        sent: list[Passage] = []
+        while progress[0] + progress[1] / rate <= now:
+            sent += [(direction, frame) for frame in make(int(progress[1]))]
+            progress[1] += 1
+        return sent
 
     return intruder
 
 
 def vehicle(system: int, rate: float = 4.0, *, mode: int = 5, range_cm: int = 5000) -> Intruder:
-    """Another ArduCopter in another mode, with a range sensor of its own."""
+    """Return a second ArduCopter in another mode, with its own range sensor."""
 
-    def words(n: int) -> list[bytes]:
+    def make(n: int) -> list[bytes]:
         stamp = int(1000 * n / rate) + 1000
-        said = (
+        messages = (
             mavlink.MAVLink_heartbeat_message(2, 3, 81, mode, 4, 3),
             mavlink.MAVLink_attitude_message(stamp, 0.1, 0.1, 1.0, 0.0, 0.0, 0.0),
             mavlink.MAVLink_vfr_hud_message(3.0, 3.0, 90, 10, 12.0, 0.0),
             mavlink.MAVLink_distance_sensor_message(stamp, 1, 65000, range_cm, 3, 0, 24, 255),
         )
-        return [write(message, system, 1, n & 255) for message in said]
+        return [write(message, system, 1, n & 255) for message in messages]
 
-    return speaking(rate, words)
+    return periodic(rate, make)
 
 
 def ground_station(rate: float = 100.0) -> Intruder:
-    """A ground station that floods the link: heartbeats, requests, commands for others."""
+    """Return a ground station that floods the link with heartbeats, requests and commands to other components."""
 
-    def words(n: int) -> list[bytes]:
-        said = (
+    def make(n: int) -> list[bytes]:
+        messages = (
             mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3),
             mavlink.MAVLink_command_long_message(1, 191, 511, 0, 132, 1e5, 0, 0, 0, 0, 0),
             mavlink.MAVLink_param_request_list_message(0, 0),
             mavlink.MAVLink_timesync_message(0, n),
         )
-        return [write(said[n % len(said)], *GCS, n & 255)]
+        return [write(messages[n % len(messages)], *GCS, n & 255)]
 
-    return speaking(rate, words)
+    return periodic(rate, make)
 
 
 def twin(system: int, component: int, rate: float = 1.0) -> Intruder:
-    """Another companion that sends under the same ids."""
+    """Return a second companion that sends under the same ids."""
     heartbeat = mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
-    return speaking(rate, lambda n: [write(heartbeat, system, component, n & 255)])
+    return periodic(rate, lambda n: [write(heartbeat, system, component, n & 255)])
 
 
-def strangers(rate: float, seed: int) -> Intruder:
-    """Unknown ids, ever new names and system ids."""
+def unknown_senders(rate: float, seed: int) -> Intruder:
+    """Return an intruder that sends unknown message ids, and new names and system ids all the time."""
     chance = Random(seed)
 
-    def words(n: int) -> list[bytes]:
+    def make(n: int) -> list[bytes]:
         name = f"N{n}"[:10].encode()
         return [
             raw_frame(40_000 + n % 100_000, chance.randbytes(n % 30), n % 250 + 1, n // 250 % 255 + 1, n),
             write(mavlink.MAVLink_named_value_float_message(n, name, float(n)), n % 250 + 1, 77, n & 255),
         ]
 
-    return speaking(rate, words)
+    return periodic(rate, make)
 
 
 def recorded(path: Path, rate: float, wanted: frozenset[int] | None = None) -> Intruder:
-    """The frames of a tlog, again and again, of some message ids or all."""
-    said = [frame for frame in tlog_frames(path.read_bytes()) if wanted is None or message_id(frame) in wanted]
-    if not said:
-        raise ValueError(f"{path}: holds no such frame")
-    return speaking(rate, lambda n: [said[n % len(said)]])
+    """Return an intruder that repeats the frames of a tlog, of the wanted message ids or of all. Raises ValueError."""
+    kept = [frame for frame in tlog_frames(path.read_bytes()) if wanted is None or message_id(frame) in wanted]
+    if not kept:
+        raise ValueError(f"{path}: contains no MAVLink 2 frame")
+    return periodic(rate, lambda n: [kept[n % len(kept)]])
 
 
 def tlog_frames(data: bytes) -> list[bytes]:
-    """The MAVLink 2 frames of a tlog: eight bytes of time (big-endian, us) before each."""
+    """Return the MAVLink 2 frames of a tlog. Each has a timestamp of eight bytes (big-endian, us) before it."""
     return list(frames(data, at=8, apart=8))

@@ -1,25 +1,25 @@
-"""Both directions of a link, with somebody who tampers with what passes and somebody who joins in."""
+"""Both directions of a link, with tampering of its datagrams and with other senders on it."""
 
 from collections.abc import Callable, Iterable
 
 from .pipe import CLEAN, Impairment, Pipe
 
 UP, DOWN = "up", "down"
-"""From the application to the vehicle, and back."""
+"""Directions: application to vehicle, and vehicle to application."""
 
 Passage = tuple[str, bytes]
-"""A direction and a datagram that travels it."""
+"""A direction and a datagram."""
 Tamper = Callable[[str, bytes, float], Iterable[Passage]]
-"""(direction, datagram, now) -> what travels instead of it: nothing, itself, more, or an answer the other way."""
+"""(direction, datagram, now) -> datagrams that replace it, in either direction."""
 Intruder = Callable[[float], Iterable[Passage]]
-"""now -> what somebody else puts onto the link since the last call."""
+"""now -> datagrams of another sender since the last call."""
 
 
 class FaultLink:
-    """Bytes in with a time, bytes out at their times, in both directions.
+    """Datagrams in with a time, datagrams out when they are due, in both directions.
 
-    Tampering comes first (it stands for a peer that misbehaves), then what the line does to the bytes. Intruders join
-    behind the line, so that what they say arrives.
+    Tampering comes first (it represents a peer that misbehaves), then the impairment. Intruders join after the
+    impairment, so their frames arrive complete.
     """
 
     def __init__(self, *, up: Impairment = CLEAN, down: Impairment = CLEAN, seed: int = 0) -> None:
@@ -28,22 +28,22 @@ class FaultLink:
         self.intruders: list[Intruder] = []
 
     def impair(self, *, up: Impairment = CLEAN, down: Impairment = CLEAN) -> None:
-        """Be broken in this way from now on."""
+        """Set the impairments from now on."""
         self._pipes[UP].impair(up)
         self._pipes[DOWN].impair(down)
 
     @property
     def lost(self) -> dict[str, int]:
-        """Datagrams that never came out, by direction."""
+        """Number of lost datagrams by direction."""
         return {name: pipe.lost for name, pipe in self._pipes.items()}
 
     @property
     def next_due(self) -> float:
-        """When something comes out next."""
+        """Time at which the next datagram is due."""
         return min(pipe.next_due for pipe in self._pipes.values())
 
     def push(self, direction: str, data: bytes, now: float) -> None:
-        """One datagram enters at one end."""
+        """Send one datagram in a direction."""
         passages: list[Passage] = [(direction, data)]
         for tamper in self.tampers:
             passages = [answer for way, part in passages for answer in tamper(way, part, now)]
@@ -51,9 +51,9 @@ class FaultLink:
             self._pipes[way].push(part, now)
 
     def take(self, direction: str, now: float) -> list[bytes]:
-        """What comes out at the other end by now."""
+        """Return the datagrams of a direction that are due by now."""
         return self._pipes[direction].take(now)
 
     def intrusions(self, now: float) -> list[Passage]:
-        """What others have put onto the link by now, with the direction in which it travels."""
+        """Return the intruders' new datagrams with their directions."""
         return [passage for intruder in self.intruders for passage in intruder(now)]

@@ -1,5 +1,4 @@
-"""One direction of a link: what can be wrong with it, as numbers, and datagrams in at their times, what is left of them
-out at theirs."""
+"""One direction of a link: its impairments as numbers, and the queue that applies them to datagrams."""
 
 import heapq
 from dataclasses import dataclass, field, fields
@@ -8,41 +7,41 @@ from random import Random
 from typing import Any
 
 LONGEST_HELD = 1.0
-"""Time, s, after which a datagram held back for reordering or joining goes out all the same."""
+"""Longest time for which a datagram is held back for reordering or joining, s."""
 STRAYS = (b"\xfd", b"\xfe", b"\xfd\xff\x00", b"\xfe\x09", b"\x00\xfd\x00\x00")
 
 
 def fraction(meaning: str) -> Any:
-    """A field from 0 to 1, and of what."""
+    """Return a field with a value from 0 to 1 and its meaning."""
     return field(default=0.0, metadata={"fraction": meaning})
 
 
 def duration(meaning: str) -> Any:
-    """A field in seconds of the link's clock, and what lasts so long."""
+    """Return a field in seconds of the link's clock and its meaning."""
     return field(default=0.0, metadata={"time": meaning})
 
 
 @dataclass(frozen=True)
 class Impairment:
-    """One direction of a link.
+    """Impairments of one direction of a link.
 
-    outages: (from, to) in which nothing passes. Random outages and the times between them are exponential, jitter is
-    uniform; in_order: whether jitter keeps the order, as a stream does. depth: most datagrams that overtake a held one.
+    outages: (from, to) without any datagram, s. Random outages and the times between them are exponential, jitter is
+    uniform. in_order: True if jitter keeps the order, as in a stream. depth: most datagrams that overtake another.
     """
 
     loss: float = fraction("of datagrams that never arrive")
-    duplicate: float = fraction("of datagrams that come twice")
+    duplicate: float = fraction("of datagrams that arrive twice")
     reorder: float = fraction("of datagrams that are overtaken by later ones")
-    corrupt: float = fraction("of bytes that become others")
+    corrupt: float = fraction("of bytes that are changed")
     truncate: float = fraction("of datagrams cut short")
-    split: float = fraction("of datagrams that come in two pieces")
-    join: float = fraction("of datagrams that wait and lead the next one")
+    split: float = fraction("of datagrams that arrive in two pieces")
+    join: float = fraction("of datagrams that wait and are sent in one with the next")
     stray: float = fraction("of datagrams with bytes in front that look like a frame's start")
-    delay: float = duration("of everything")
-    jitter: float = duration("at most, on top of the delay")
+    delay: float = duration("constant delay")
+    jitter: float = duration("largest additional delay")
     burst_every: float = duration("mean time between random outages; needs --burst")
     burst: float = duration("mean length of the random outages")
-    echo: float = duration("by which a duplicate comes later, as by a second route")
+    echo: float = duration("delay of a duplicate, as by a second route")
     outages: tuple[tuple[float, float], ...] = ()
     in_order: bool = False
     depth: int = 5
@@ -66,7 +65,7 @@ CLEAN = Impairment()
 
 
 def damaged(data: bytes, impairment: Impairment, chance: Random) -> list[bytes]:
-    """The pieces that arrive of one datagram: cut, with flipped bytes and stray ones in front, in two."""
+    """Return the pieces of a datagram that arrive: cut, with changed bytes and stray bytes in front, or split."""
     if impairment.truncate and chance.random() < impairment.truncate:
         data = data[: chance.randrange(len(data) + 1)]
     if impairment.corrupt:
@@ -80,18 +79,18 @@ def damaged(data: bytes, impairment: Impairment, chance: Random) -> list[bytes]:
 
 
 def corrupted(data: bytes, fraction: float, chance: Random) -> bytes:
-    """Each byte becomes another one with a probability; the gaps between those that do are drawn, not each byte."""
-    spoilt = bytearray(data)
+    """Change each byte with a probability. For speed the gaps between changed bytes are drawn, not every byte."""
+    changed = bytearray(data)
     at = -1
     while True:
         at += 1 + (int(log(1.0 - chance.random()) / log(1.0 - fraction)) if fraction < 1 else 0)
-        if at >= len(spoilt):
-            return bytes(spoilt)
-        spoilt[at] ^= chance.randrange(1, 256)
+        if at >= len(changed):
+            return bytes(changed)
+        changed[at] ^= chance.randrange(1, 256)
 
 
 class Pipe:
-    """Takes datagrams with a time, gives them out when they are due. The same seed breaks them in the same way."""
+    """Queue of datagrams with their due times. Equal seeds impair the datagrams equally."""
 
     def __init__(self, impairment: Impairment, seed: int) -> None:
         self.impairment = impairment
@@ -105,12 +104,12 @@ class Pipe:
         self.lost = 0
 
     def impair(self, impairment: Impairment) -> None:
-        """Break it in another way from now on; what is under way stays under way."""
+        """Set another impairment from now on. Datagrams in the queue stay as they are."""
         self.impairment, self._burst = impairment, None
 
     @property
     def next_due(self) -> float:
-        """When something comes out next, infinity when nothing is under way."""
+        """Time at which the next datagram is due; infinity if the queue is empty."""
         waiting = [since + LONGEST_HELD for _, since, _ in self._held]
         if self._joining is not None:
             waiting.append(self._joining[0] + LONGEST_HELD)
@@ -119,7 +118,7 @@ class Pipe:
         return min(waiting, default=float("inf"))
 
     def push(self, data: bytes, now: float) -> None:
-        """One datagram enters."""
+        """Put one datagram into the queue."""
         if self._swallowed(now):
             self.lost += 1
             return
@@ -127,7 +126,7 @@ class Pipe:
             self._order(piece, now)
 
     def take(self, now: float) -> list[bytes]:
-        """What is due by now, in order."""
+        """Return the datagrams that are due by now, in order."""
         self._release_old(now)
         out = []
         while self._due and self._due[0][0] <= now:
@@ -141,7 +140,7 @@ class Pipe:
         return impairment.loss > 0 and self._chance.random() < impairment.loss
 
     def _in_burst(self, now: float) -> bool:
-        """Whether a random outage is under way; the next one is drawn when one is over."""
+        """True during a random outage. When one is over, the next one is drawn."""
         impairment = self.impairment
         if not (impairment.burst_every and impairment.burst):
             return False
@@ -153,7 +152,7 @@ class Pipe:
         return now >= self._burst[0]
 
     def _order(self, data: bytes, now: float) -> None:
-        """Join, hold back or send; whoever was held back long enough follows."""
+        """Join, hold back or send a datagram. Then send those that have been overtaken often enough."""
         impairment, chance = self.impairment, self._chance
         if self._joining is not None:
             data, self._joining = self._joining[1] + data, None

@@ -1,4 +1,4 @@
-"""The fault link over UDP: applications speak to its port, it speaks to the vehicle, and back."""
+"""The fault link over UDP, between an application's port and the vehicle's port."""
 
 import select
 import sys
@@ -12,10 +12,10 @@ LONGEST_SLEEP = 0.05
 
 
 class Proxy:
-    """Two UDP ports with a fault link between them. Each end answers whoever spoke last, or the one it was given."""
+    """Two UDP ports with a fault link between them. Each port sends to its newest sender, or to its configured peer."""
 
     def __init__(self, listen: str, forward: str, link: FaultLink) -> None:
-        """listen: where applications are awaited (udpin) or called (udpout); forward: the vehicle's side."""
+        """listen: endpoint on the application's side, udpin or udpout; forward: endpoint on the vehicle's side."""
         self._link = link
         self._wires: dict[str, Wire] = {}
         self._peers: dict[str, str] = {}
@@ -23,7 +23,7 @@ class Proxy:
             try:
                 if endpoint.kind == "tcpin":
                     raise EndpointError(
-                        f"{endpoint}: the fault link speaks UDP only: udpin:HOST:PORT or udpout:HOST:PORT"
+                        f"{endpoint}: the fault link supports UDP only: udpin:HOST:PORT or udpout:HOST:PORT"
                     )
                 self._wires[direction] = open_wire(endpoint, direction, sys.maxsize)
             except EndpointError:
@@ -32,11 +32,11 @@ class Proxy:
             self._peers[direction] = direction
 
     def run(self, stopped: Callable[[], bool]) -> None:
-        """Pass datagrams on until `stopped()`."""
+        """Forward datagrams until `stopped()` returns True."""
         started = time.monotonic()
         while not stopped():
             now = time.monotonic() - started
-            for direction, wire in self._wires.items():  # what comes in at the applications' port goes up
+            for direction, wire in self._wires.items():  # datagrams from the application's port go up
                 for self._peers[direction], data in wire.receive():
                     self._link.push(direction, data, now)
             for way, data in self._link.intrusions(now):
@@ -53,6 +53,6 @@ class Proxy:
             wire.close()
 
     def _send(self, way: str, data: bytes) -> None:
-        """What goes up leaves by the vehicle's port; as long as nobody is there, it is lost as on any line."""
+        """Send a datagram: direction up by the vehicle's port, down by the application's. Without a peer it is lost."""
         by = DOWN if way == UP else UP
         self._wires[by].send(self._peers[by], [data])

@@ -1,7 +1,7 @@
-"""An autopilot that stays in its mode and does not fly its setpoints: it ignores their turns, or garbles them.
+"""An autopilot that stays in its mode and ignores or changes the turns of its setpoints.
 
-Seen on vehicles: a setpoint that a mode takes and does not fly (PX4's plane in OFFBOARD by velocity), a servo that has
-let go, a channel that is reversed, a rate controller without gain. What it flies is another setpoint of the same type.
+Real causes are a setpoint that a mode accepts and does not fly (PX4's plane in OFFBOARD by velocity), a disconnected
+servo, a reversed channel, and a rate controller without gain. The fault replaces each setpoint by one of the same type.
 """
 
 import math
@@ -12,18 +12,18 @@ from ..links import Message
 
 TURNING = math.radians(12)  # rad/s
 WEAK = 0.1
-PLANE_SPEED, FULL_STICK = 15.0, math.radians(50)  # m/s, by which a turn is made a bank; bank of a full stick
+PLANE_SPEED, FULL_STICK = 15.0, math.radians(50)  # m/s, converts a turn rate into a bank; bank of a full stick
 
 
 class Steering:
-    """What becomes of a setpoint. state: one of STEERING_STATES, as in the vehicle file."""
+    """Replaces setpoints. state: one of STEERING_STATES, as in the vehicle file."""
 
     def __init__(self, state: str) -> None:
         self.state = state
         self._last: dict[str, Message] = {}
 
     def flown(self, message: Message) -> Message:
-        """The setpoint that is flown in the place of this one."""
+        """Return the setpoint that is flown instead of this one."""
         kind = message.get_type()
         if self.state == "frozen":
             return self._last.setdefault(kind, message)
@@ -40,12 +40,12 @@ class Steering:
         return garbled
 
     def _turn(self, turn: float, own: float) -> float:
-        """A turn, or a bank, in the place of a commanded one. own: that of a vehicle that turns by itself."""
+        """Return the turn rate or bank that replaces a commanded one. own: the value for the state "turning"."""
         share = {"reversed": -1.0, "weak": WEAK}.get(self.state)
         return own * (self.state == "turning") if share is None else share * turn
 
     def _bank(self, bank: float) -> float:
-        """A plane cannot hover: it circles."""
+        """Return the bank that replaces a commanded one. A plane cannot hover, so it circles."""
         own = math.atan(TURNING * PLANE_SPEED / GRAVITY)
         return own if self.state == "hovering" else self._turn(bank, own)
 

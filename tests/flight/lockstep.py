@@ -81,7 +81,7 @@ class Flight:
         if self.signing is not None:
             self.signing.advance(due)
         if self.vehicle_clock is not None:
-            self.vehicle.tell_time(due + self.vehicle_clock)
+            self.vehicle.set_time(due + self.vehicle_clock)
         self.clock.advance(moment)
         self.now = self.clock.now()
         before = len(self.sent)

@@ -75,7 +75,7 @@ def test_a_vehicle_without_our_key_is_not_flown(ours, theirs, overrides, reason,
 
 def test_an_autopilot_that_reboots_is_believed_again_and_ends_the_mission(tmp_path: Path) -> None:
     flown = signed_flight("arducopter", tmp_path).fly(30)
-    flown.vehicle._happen(Event(action="reboot", value=2.0))
+    flown.vehicle._run_event(Event(action="reboot", value=2.0))
     flown.fly(60)
     left_for = "taken over, GUIDED left for STABILIZE"  # in which it finds itself then
     assert flown.outcome.reason == f"{left_for}: operator or failsafe"

@@ -115,7 +115,7 @@ def test_what_cannot_be_started_is_said_in_one_line(wire, port, tmp_path, monkey
     for arguments, said in (
         (["--endpoint", f"udpin:127.0.0.1:{wire.getsockname()[1]}"], "in use"),
         (["--endpoint", "carrier-pigeon"], "not an endpoint"),
-        (["--endpoint", "udpin:127.0.0.1:99999"], "outside 1 .. 65535"),
+        (["--endpoint", "udpin:127.0.0.1:99999"], "outside 1 to 65535"),
         ([str(bad)], 'did you mean "profile"?'),
         ([str(tmp_path / "none.toml")], "cannot be read"),
         ([str(direct), "--endpoint", f"udpin:127.0.0.1:{port}"], "--ranging-endpoint"),
@@ -130,7 +130,7 @@ def test_it_says_in_one_line_every_ten_seconds_that_the_computer_cannot_keep_up(
     """Each turn of its loop takes a time on the wall, s; 15 s pass."""
     wall, lines = [100.0], []
     monkeypatch.setattr(server.time, "monotonic", lambda: wall[0])
-    monkeypatch.setattr(server, "_speak", lambda *_: None)
+    monkeypatch.setattr(server, "_send", lambda *_: None)
     monkeypatch.setattr(server, "_sleep", lambda *_: wall.__setitem__(0, wall[0] + step))
     server._fly(Vehicle(parse_vehicle({}, "here")), {}, 1.0, None, lambda: wall[0] > 115.0, lines.append)
     assert len(lines) == said

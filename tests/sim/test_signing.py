@@ -24,7 +24,7 @@ def make(key_file):
     def vehicle(profile="arducopter", **signing):
         mode = "OFFBOARD" if profile.startswith("px4") else "GUIDED"
         made = build(vehicle={"profile": profile}, start={"mode": mode}, signing={"key_file": str(key_file), **signing})
-        made.tell_time(UNIX)
+        made.set_time(UNIX)
         return made
 
     return vehicle

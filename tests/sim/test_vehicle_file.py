@@ -33,7 +33,7 @@ def test_an_empty_file_flies():
         ({"events": [{"action": "mode"}]}, "f.toml: events[0].mode: is missing"),
         (
             {"ranging": {"message": "ranging_beacon"}},
-            'f.toml: ranging.via: autopilots do not know RANGING_BEACON and do not forward it, use via = "direct"',
+            'f.toml: ranging.via: autopilots do not forward RANGING_BEACON, use via = "direct"',
         ),
         (
             {"ranging": {"via": "autopilot", "rate_name": "R"}},

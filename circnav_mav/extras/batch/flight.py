@@ -1,4 +1,4 @@
-"""The rows of the benchmark, what `auto` has to reach in them, and a row flown by B vehicles under one policy."""
+"""Situations of the benchmark with the required errors of `auto`, and flights of B vehicles under one policy."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -13,7 +13,7 @@ from circnav_mav.extras.batch.sensors import (
     UWB,
     ImuNoise,
     MotionNoise,
-    OwnSenses,
+    MotionSensors,
     Radio,
     Ranging,
     RateNoise,
@@ -29,16 +29,19 @@ STALE = 0.5
 """Oldest range that may steer, s; the default of `limits.stale_s`."""
 ORBIT = Orbit(100.0, Direction.COUNTERCLOCKWISE, 15.0, radians(20.0))
 TURN_LAG = 0.4
-"""The circle, flown in either sense, and the lag of the turn, s: those of config/quickstart.toml."""
+"""Circle (flown in both directions) and turn lag (s) of config/quickstart.toml."""
 ESTIMATION = EstimatorSettings(ORBIT.speed, ORBIT.max_turn_rate)
 
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """Everything that makes one row of the benchmark. required: median RMS radius error, m, that is asked of `auto`;
-    None where it is only reported. wind, gust (standard deviation), target (speed): m/s, from and to anywhere.
-    target_turn (rad/s), veer (rad), compass_bias (rad), compass_drift (rad/s), airspeed_error (measured over true minus
-    1): either sign. veer, stands, target_walk: see `Surroundings`. start: range at first, m, uniform."""
+    """One row of the benchmark.
+
+    required: largest median RMS radius error of `auto`, m; None: only reported. wind, gust (standard deviation), target
+    (speed): m/s, in random directions. target_turn (rad/s), veer (rad), compass_bias (rad), compass_drift (rad/s) and
+    airspeed_error (measured over true, minus 1) have random signs. veer, stands, target_walk: see `Surroundings`.
+    start: bounds of the initial range, m, uniform.
+    """
 
     name: str
     required: float | None = None
@@ -63,7 +66,7 @@ class Situation:
 
 @dataclass(frozen=True, slots=True)
 class Tracks:
-    """What happened, arrays (N, B); time (N,). angle: of p, rad. nees: of (r, theta). sense (B,)."""
+    """Recorded flights, arrays (N, B); time (N,), sense (B,). angle: direction of p, rad. nees: NEES of (r, theta)."""
 
     time: Array
     r: Array
@@ -77,9 +80,11 @@ class Tracks:
     start: Truth
 
 
-def begin(situation: Situation, flights: int, seed: int) -> tuple[World, Radio, OwnSenses, Array]:
-    """B flights at their start, and their senses of rotation (B,), +1 counter-clockwise; of one seed always the same,
-    however many there are."""
+def begin(situation: Situation, flights: int, seed: int) -> tuple[World, Radio, MotionSensors, Array]:
+    """Return B flights at their start and their senses of rotation (B,), +1 counter-clockwise.
+
+    A flight depends on the seed and its number, not on the number of flights.
+    """
     s, seeds = situation, [(seed, flight) for flight in range(flights)]
     draws = np.array([np.random.default_rng([*one, 3]).random(10) for one in seeds]).T
     angle, psi, wind, course = 2 * np.pi * draws[:4]
@@ -94,23 +99,25 @@ def begin(situation: Situation, flights: int, seed: int) -> tuple[World, Radio, 
     return (
         World(around, airframe, r * along(angle), psi, seeds),
         Radio(s.ranging, Reading(s.ranging.sigma), seeds, rates=s.rates),
-        OwnSenses(s.noise, seeds, bias * s.compass_bias, drift * s.compass_drift, 1 + speed * s.airspeed_error, s.imu),
+        MotionSensors(
+            s.noise, seeds, bias * s.compass_bias, drift * s.compass_drift, 1 + speed * s.airspeed_error, s.imu
+        ),
         np.where(np.arange(flights) % 2 == 0, 1.0, -1.0),
     )
 
 
 Make = Callable[[Array], Guidance]
-"""Makes the guidance for senses of rotation (B,)."""
+"""Function that returns the guidance for senses of rotation (B,)."""
 
 
 def policy(name: str) -> Make:
-    """The guidance by the name of a policy, with its law's default gain."""
+    """Return the guidance of a policy, with the default gain of its law."""
     law, source = POLICIES[name]
 
     def make(sense: Array) -> Guidance:
         one = StepSettings.of(ORBIT, tune(ORBIT, law, turn_lag=TURN_LAG))
         settings, of_flights = replace(one, sense=sense, k=sense * one.k), estimator(source, ESTIMATION, sense.size)
-        return Guidance(settings, of_flights, sense.size, lag=TURN_LAG, stale=STALE, answers=TURN_LAG)
+        return Guidance(settings, of_flights, sense.size, lag=TURN_LAG, stale=STALE, true_lag=TURN_LAG)
 
     return make
 
@@ -135,7 +142,7 @@ ROWS = ("r", "r_dot", "angle", "command", "r_hat", "r_dot_hat", "nees")
 
 
 def _nees(belief: tuple[Array, Array] | None, p: Array) -> Array:
-    """Normalised estimation error squared of (r, theta), (B,)."""
+    """Return the normalized estimation error squared of (r, theta), (B,)."""
     if belief is None:
         return np.nan
     mean, P = belief
@@ -147,35 +154,35 @@ def _nees(belief: tuple[Array, Array] | None, p: Array) -> Array:
 
 V = ORBIT.speed
 LAST = 100.0
-"""The circle is judged over so many seconds at the end of a flight."""
+"""Length of the evaluated last part of a flight, s."""
 
 
 SITUATIONS = {
     one.name: one
     for one in (
         Situation("calm", 0.12),
-        Situation("wind .20 V", 0.25, wind=0.20 * V),
-        Situation("wind .33 V", 0.35, wind=0.33 * V),
-        Situation("wind .53 V", 0.60, wind=0.53 * V),
-        Situation("target .2 V", 0.30, target=3.0),
-        Situation("target .2 V, wind .2 V", 0.40, target=3.0, wind=0.20 * V),
+        Situation("wind 0.20 V", 0.25, wind=0.20 * V),
+        Situation("wind 0.33 V", 0.35, wind=0.33 * V),
+        Situation("wind 0.53 V", 0.60, wind=0.53 * V),
+        Situation("target 0.2 V", 0.30, target=3.0),
+        Situation("target 0.2 V, wind 0.2 V", 0.40, target=3.0, wind=0.20 * V),
         Situation("target turns", target=3.0, target_turn=0.05),
-        Situation("wind .33 V turns 90 deg in 10 s", 0.4, wind=0.33 * V, veer=radians(90)),
+        Situation("wind 0.33 V turns 90 deg in 10 s", 0.4, wind=0.33 * V, veer=radians(90)),
         Situation("it turns, with accelerations", 0.4, wind=0.33 * V, veer=radians(90), imu=ImuNoise()),
         Situation("target stops and goes", 0.4, target=3.0, stands=30.0),
         Situation("target accelerates", target=3.0, target_walk=0.3),
-        Situation("gusts 1.5, wind .33 V", 1.0, wind=5.0, gust=1.5),
+        Situation("gusts 1.5, wind 0.33 V", 1.0, wind=5.0, gust=1.5),
         Situation("the same with accelerations", wind=5.0, gust=1.5, imu=ImuNoise()),
-        Situation("accelerations, rate .3", wind=5.0, gust=1.5, imu=ImuNoise(), rates=RateNoise(0.3)),
-        Situation("accelerations, rate .1", wind=5.0, gust=1.5, imu=ImuNoise(), rates=RateNoise(0.1)),
-        Situation("gusts with rate .1 alone", wind=5.0, gust=1.5, rates=RateNoise(0.1)),
-        Situation("uwb, wind .2 V", 0.35, wind=0.20 * V, ranging=UWB),
-        Situation("lora, wind .2 V", 2.0, wind=0.20 * V, ranging=LORA),
+        Situation("accelerations, rate 0.3", wind=5.0, gust=1.5, imu=ImuNoise(), rates=RateNoise(0.3)),
+        Situation("accelerations, rate 0.1", wind=5.0, gust=1.5, imu=ImuNoise(), rates=RateNoise(0.1)),
+        Situation("gusts with rate 0.1 alone", wind=5.0, gust=1.5, rates=RateNoise(0.1)),
+        Situation("uwb, wind 0.2 V", 0.35, wind=0.20 * V, ranging=UWB),
+        Situation("lora, wind 0.2 V", 2.0, wind=0.20 * V, ranging=LORA),
         Situation("50 % loss at 5 Hz", wind=0.20 * V, ranging=Ranging(every=4, loss=0.5)),
         Situation("outage 10 s a minute", wind=0.20 * V, ranging=Ranging(outage=10.0)),
         Situation("10 % outliers of 20 m", wind=0.20 * V, ranging=Ranging(outlier_share=0.1)),
         Situation("compass bias 10 deg", wind=0.20 * V, compass_bias=radians(10)),
-        Situation("heading drift .1 deg/s", wind=0.20 * V, compass_drift=radians(0.1)),
+        Situation("heading drift 0.1 deg/s", wind=0.20 * V, compass_drift=radians(0.1)),
         Situation("airspeed +-10 %", wind=0.20 * V, airspeed_error=0.10),
     )
 }

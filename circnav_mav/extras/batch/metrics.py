@@ -1,6 +1,6 @@
-"""How good the flights of a batch were, each number per flight. Tracks have shape (N, B); SI units.
+"""Figures of the flights of a batch, one number per flight. Tracks have shape (N, B); SI units.
 
-See `circnav_mav.runlog.metrics` for one recorded flight, and for what was commanded.
+See `circnav_mav.runlog.metrics` for a single recorded flight and for the commands.
 """
 
 import numpy as np
@@ -9,12 +9,12 @@ from circnav_mav.guidance.maths import Batch
 
 
 def rms(values: Batch) -> Batch:
-    """Root mean square over time, (B,)."""
+    """Return the root mean square over time, (B,)."""
     return np.asarray(np.sqrt(np.mean(np.asarray(values, float) ** 2, axis=0)))
 
 
 def last_exit(time: Batch, r: Batch, r_d: float, within: float) -> Batch:
-    """Time (B,) after which |r - r_d| stays within so many m; infinite if the flight ends outside."""
+    """Return the time (B,) after which |r - r_d| stays below `within` (m); infinite if the flight ends outside."""
     outside = np.abs(r - r_d) > within
     step = time[1] - time[0]
     newest = len(time) - 1 - outside[::-1].argmax(axis=0)
@@ -23,9 +23,9 @@ def last_exit(time: Batch, r: Batch, r_d: float, within: float) -> Batch:
 
 
 def overshoot(r: Batch, r_d: float) -> Batch:
-    """How far a flight went beyond the circle after it first reached it, m, (B,); 0 if it never did or never passed.
+    """Return the distance (B,) by which a flight crossed the circle after first reaching it, m; 0 if it did not.
 
-    For starts outside this is how deep it went inside, for starts inside how far out.
+    For starts outside this is the depth inside, for starts inside the distance outside.
     """
     outside = r[0] > r_d
     e = np.where(outside, r_d - r, r - r_d)
@@ -34,24 +34,25 @@ def overshoot(r: Batch, r_d: float) -> Batch:
 
 
 def swept(angle: Batch) -> Batch:
-    """Angle swept round the target, rad, counter-clockwise positive, (B,)."""
+    """Return the angle swept round the target, rad, counter-clockwise positive, (B,)."""
     unwrapped = np.unwrap(angle, axis=0)
     return np.asarray(unwrapped[-1] - unwrapped[0])
 
 
 def right_way(angle: Batch, sense: Batch) -> Batch:
-    """Whether the flight went round in the sense asked for. Range alone cannot tell."""
+    """True if the flight went round in the required sense. Ranges alone cannot show it."""
     return np.asarray(np.sign(swept(angle)) == sense)
 
 
 def went_round(angle: Batch) -> Batch:
-    """Whether the flight went round at all, (B,): a quarter turn or more, as in `metrics.direction_of`."""
+    """True if the flight swept a quarter turn or more, (B,), as in `metrics.direction_of`."""
     return np.abs(swept(angle)) >= np.pi / 2
 
 
 def tangent_time(p: Batch, psi: Batch, sense: Batch, *, V: float, r_d: float, max_turn_rate: float) -> Batch:
-    """Time (s), (B,), to the tangent point: one turn at the limit, then the straight line that touches the circle (a
-    Dubins path). In still air it is the yardstick for settling.
+    """Return the time (B,) to the tangent point, s: one turn at the limit, then the tangent to the circle.
+
+    This Dubins path in still air is the reference for the settling time.
 
     For starts outside, p = vehicle - target (2, B), heading psi (B,). sense: +1 counter-clockwise, -1 clockwise.
     """

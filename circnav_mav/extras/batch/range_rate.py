@@ -1,4 +1,4 @@
-"""The range-rate filter of B flights at once, as arrays; a test holds it to `guidance.estimators.range_rate`."""
+"""The range-rate filter for B flights, as arrays. A test compares it with `guidance.estimators.range_rate`."""
 
 from typing import NamedTuple
 
@@ -8,19 +8,19 @@ from circnav_mav.guidance.estimators.range_rate import RANGE, RATE, acceleration
 from circnav_mav.guidance.maths import Flag, Number, logical_not, magnitude, where
 
 Covariance = tuple[Number, Number, Number]
-"""rr, rv, vv of (r, r')."""
+"""Covariance of (r, r'): rr, rv, vv."""
 Belief = tuple[Number, Number, Number, Number, Number]
-"""r (m), r_dot (m/s) and their covariance."""
+"""Mean r (m), r_dot (m/s) and their covariance."""
 Filtered = tuple[Belief, Belief, Number]
-"""Before a measurement and after it, and its innovation squared over the variance of that."""
+"""Belief before and after a measurement, and its normalized innovation squared."""
 
 
 class RangeRate(NamedTuple):
     """The filter at its newest sample, floats or arrays (B,). rr, rv, vv: covariance of (r, r').
 
-    samples: taken in since the start; 0: not started, and rr is only there to divide by. refused: samples in a row
-    outside the gate that agree with each other; refused_r, refused_sigma: the newest of them. nis: normalized
-    innovation squared of the newest sample.
+    samples: number of accepted samples since the start; 0: not started, and rr is a placeholder. refused: number of
+    successive samples outside the gate that agree with each other. refused_r, refused_sigma: the newest of them. nis:
+    normalized innovation squared of the newest sample.
     """
 
     r: Number = 0.0
@@ -35,7 +35,7 @@ class RangeRate(NamedTuple):
     nis: Number = 0.0
 
     def ready(self, settings: EstimatorSettings) -> Flag:
-        """True if it may steer: enough samples, and r' better known than before them (a deviation of V/sqrt 2)."""
+        """True if it may steer: enough samples, and a standard deviation of r' below V/2."""
         return (self.samples >= settings.min_samples) & (self.vv < settings.speed**2 / 4)
 
 
@@ -46,7 +46,7 @@ def predict(P: Covariance, h: Number, q: Number) -> Covariance:
 
 
 def filtered(before: RangeRate, h: Number, q: Number, z: Number, sigma: Number, of: int = RANGE) -> Filtered:
-    """Return h seconds of an acceleration with variance q, then a range z, or a range rate."""
+    """Predict h seconds with an acceleration of variance q, then update with a range z or a range rate."""
     rr, rv, vv = P = predict((before.rr, before.rv, before.vv), h, q)
     r, r_dot = before.r + before.r_dot * h, before.r_dot
     S, nu = P[2 * of] + sigma**2, z - (r, r_dot)[of]
@@ -59,12 +59,12 @@ def filtered(before: RangeRate, h: Number, q: Number, z: Number, sigma: Number, 
 def observe(before: RangeRate, settings: EstimatorSettings, *, h: Number, z: Number, sigma: Number) -> RangeRate:
     """Return the filter after a range z (m) of deviation sigma (m), measured h seconds after the sample before.
 
-    A run of samples outside the gate that agree with each other means that the filter is the outlier: it starts anew.
+    If several successive samples outside the gate agree with each other, the filter is wrong and restarts.
     """
     ahead, after, nis = filtered(before, h, acceleration_variance(settings, before.r), z, sigma)
     started = before.samples > 0
     taken = started & (nis <= settings.gate**2)
-    # of one motion: no farther apart than twice the speed carries, plus noise
+    # two refused samples agree if their distance fits twice the speed, plus noise
     reach = 2 * settings.speed * h + settings.gate * maths.sqrt(before.refused_sigma**2 + sigma**2)
     agree = (before.refused == 0) | (magnitude(z - before.refused_r) <= reach)
     refused = where(taken, 0, where(agree, before.refused + 1, 1))
@@ -79,7 +79,9 @@ def observe(before: RangeRate, settings: EstimatorSettings, *, h: Number, z: Num
 
 def observe_rate(before: RangeRate, settings: EstimatorSettings, *, h: Number, z: Number, sigma: Number) -> RangeRate:
     """Return the filter h seconds after the sample before, with a measured range rate z (m/s) of deviation sigma.
-    Outside the gate it is left out: the ranges decide which of the two is wrong."""
+
+    A rate outside the gate is ignored: the ranges decide whether the filter or the rate is wrong.
+    """
     ahead, after, nis = filtered(before, h, acceleration_variance(settings, before.r), z, sigma, RATE)
     taken = nis <= settings.gate**2
     r, r_dot, rr, rv, vv = (where(taken, new, old) for new, old in zip(after, ahead, strict=True))

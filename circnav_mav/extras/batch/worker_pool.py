@@ -1,9 +1,8 @@
-"""Processes that work off jobs, and end at once when nobody wants the rest of them.
+"""Worker processes that can be terminated at once.
 
-Each has a pipe and a thread of its own, so that one that is ended in the middle of a word harms nobody.
-`ProcessPoolExecutor` has one pipe for all answers, and waits for ever for the rest of an answer whose process was
-ended; `multiprocessing.Pool` waits for ever for the job of a process that died; loky (3.7, as its source has it)
-replaces processes that have grown by 300 MB, as batches of flights may.
+Each has its own pipe and thread, so that one terminated in the middle of a message does not affect the others.
+`ProcessPoolExecutor` has one pipe for all results and blocks forever on an incomplete result. `multiprocessing.Pool`
+blocks forever on the job of a process that died. loky 3.7 replaces processes that have grown by 300 MB, as batches may.
 """
 
 import multiprocessing
@@ -19,17 +18,19 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 Submit = Callable[..., Future[Any]]
-"""Takes a function that a fresh process can import, and its arguments."""
+"""Function that submits a job: a function that a new process can import, and its arguments."""
 
 
 class WorkerDiedError(Exception):
-    """A process ended in the middle of a job, as by a kernel that runs out of memory."""
+    """A process ended during a job, for example because the system ran out of memory."""
 
 
 @contextmanager
 def workers(count: int) -> Iterator[Submit]:
-    """What submits jobs to so many processes. A job whose process died raises WorkerDiedError. Left, it ends them all
-    in the middle of their work."""
+    """Context with `count` worker processes; its value submits jobs. At the end it terminates all processes.
+
+    A job raises WorkerDiedError if its process died.
+    """
     processes: list[BaseProcess] = []
     mine = threading.local()
 
@@ -46,7 +47,7 @@ def workers(count: int) -> Iterator[Submit]:
             raise error
         return result
 
-    resource_tracker.ensure_running()  # which would let Ctrl-C through again where a process is started
+    resource_tracker.ensure_running()  # started here because its start unblocks Ctrl-C
     pool = ThreadPoolExecutor(count, "worker", connect)
     try:
         yield lambda function, *arguments: pool.submit(work, function, *arguments)
@@ -54,7 +55,7 @@ def workers(count: int) -> Iterator[Submit]:
         pool.shutdown(wait=False, cancel_futures=True)
         _terminate(processes)
         pool.shutdown()
-        _terminate(processes)  # who was started meanwhile
+        _terminate(processes)  # those started in the meantime
 
 
 def _terminate(processes: list[BaseProcess]) -> None:
@@ -64,8 +65,9 @@ def _terminate(processes: list[BaseProcess]) -> None:
 
 
 def _start_worker(processes: list[BaseProcess]) -> Connection:
-    """One more worker, by our end of the pipe to it. It never hears a Ctrl-C, not even while it imports: that is kept
-    from this thread, and so from what it starts; the main thread hears it."""
+    """Start a worker and return our end of its pipe."""
+    # Ctrl-C goes to all processes of the terminal. A worker must not receive it, not even while it imports. The signal
+    # is blocked in this thread, and the worker inherits that; the main thread still receives it.
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     spawn = multiprocessing.get_context("spawn")
     ours, theirs = spawn.Pipe()
@@ -77,7 +79,7 @@ def _start_worker(processes: list[BaseProcess]) -> Connection:
 
 
 def _work(pipe: Connection) -> None:
-    """In a worker: a signal from the terminal is the parent's to answer, and the parent's end is ours, too."""
+    """Run jobs in a worker. It ignores Ctrl-C, which the parent handles, and ends with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, name="end with parent", daemon=True).start()
     with suppress(EOFError, ConnectionError):

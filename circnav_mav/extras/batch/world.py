@@ -1,4 +1,4 @@
-"""The vehicles of a batch and what surrounds them: wind, gusts, targets, how a vehicle turns; and random numbers."""
+"""Vehicles of a batch, wind, gusts, targets, and random numbers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,12 +8,14 @@ import numpy as np
 from circnav_mav.guidance.maths import Array
 
 BLOCK = 64
-"""Draws made at once: a call of numpy costs as much as some hundred numbers."""
+"""Draws per call of numpy: a call costs as much as some hundred numbers."""
 
 
 class Draws:
-    """So many normal and uniform numbers of every flight at a time, (normals + uniforms, B). One seed, one stream; part
-    tells the streams of one seed apart."""
+    """Normal and uniform random numbers of every flight, (normals + uniforms, B) per step.
+
+    Each flight has its own stream. `part` distinguishes the streams of one seed.
+    """
 
     def __init__(self, seeds: Sequence[Sequence[int]], part: int, normals: int, uniforms: int = 0) -> None:
         self._streams = [np.random.default_rng([*seed, part]) for seed in seeds]
@@ -33,19 +35,21 @@ class Draws:
 GAUSS_AT = np.array([0.5 - np.sqrt(15) / 10, 0.5, 0.5 + np.sqrt(15) / 10])
 GAUSS_WEIGHT = np.array([5.0, 8.0, 5.0]) / 18
 VEER_TIME, VEER_EVERY = 10.0, 50.0
-"""In what time a wind turns, and how often, s."""
+"""Duration of a turn of the wind, and its period, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What flights meet; numbers or arrays (B,). wind: steady part (2, B), m/s. gust: standard deviation of each
-    horizontal component, m/s, a first-order Gauss-Markov process of correlation time gust_time, s (the longitudinal
-    Dryden spectrum at constant airspeed).
+    """Wind and targets; numbers or arrays (B,).
 
-    veer: angle by which the wind turns within VEER_TIME, once in every VEER_EVERY, rad. target_speed (m/s),
-    target_course (rad): at first. target_turn: of its course, rad/s. target_push: along its course, m/s^2. target_walk:
-    RMS of a random walk of its velocity, held within its first speed, m/s per sqrt(s). stands: time for which the
-    target stands, and then goes on for as long, s; 0: it never stands. phase: share of these periods that is over.
+    wind: steady part (2, B), m/s. gust: standard deviation of each horizontal component, m/s. Gusts are a first-order
+    Gauss-Markov process of correlation time gust_time, s (the longitudinal Dryden spectrum at constant airspeed).
+    veer: angle by which the wind turns within VEER_TIME, once per VEER_EVERY, rad.
+
+    target_speed (m/s), target_course (rad): initial values. target_turn: turn rate of the course, rad/s. target_push:
+    acceleration along the course, m/s^2. target_walk: RMS of a random walk of the velocity, limited to the initial
+    speed, m/s per sqrt(s). stands: time for which the target stops and then moves again, s; 0: it never stops. phase:
+    initial phase of these periods, 0 to 1.
     """
 
     wind: Array
@@ -63,7 +67,7 @@ class Surroundings:
 
 @dataclass(frozen=True, slots=True)
 class Airframe:
-    """How vehicles turn; numbers or arrays (B,). speed: through the air, m/s. limit: rad/s. lag: first order, s."""
+    """Dynamics; numbers or arrays (B,). speed: airspeed, m/s. limit: turn-rate limit, rad/s. lag: turn lag, s."""
 
     speed: Array
     limit: Array
@@ -72,7 +76,7 @@ class Airframe:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What is true: p = vehicle - target (2, B), d = wind - target velocity (2, B), psi, turn_rate (B,)."""
+    """True state: p = vehicle - target (2, B), d = wind - target velocity (2, B), psi, turn_rate (B,)."""
 
     p: Array
     d: Array
@@ -81,8 +85,10 @@ class Truth:
 
 
 class World:
-    """B vehicles under way. p: vehicle - target (2, B), m. psi, turn_rate: of the vehicle (B,). carried (B,): 1 where
-    the wind carries a vehicle."""
+    """B vehicles and their targets. p: vehicle - target (2, B), m. psi, turn_rate: of the vehicles (B,).
+
+    carried (B,): 1 if the vehicle drifts with the wind.
+    """
 
     def __init__(
         self, surroundings: Surroundings, airframe: Airframe, p: Array, psi: Array, seeds: Sequence[Sequence[int]],
@@ -101,28 +107,28 @@ class World:
 
     @property
     def wind(self) -> Array:
-        """Now, (2, B), m/s."""
+        """Present wind, (2, B), m/s."""
         return self._steady + self._gust
 
     @property
     def target_velocity(self) -> Array:
-        """Now, (2, B), m/s."""
+        """Present velocity of the targets, (2, B), m/s."""
         return self._speed * self._goes * along(self._course)
 
     @property
     def _goes(self) -> Array:
-        """1 where the target is under way, 0 where it stands."""
+        """1 where the target moves, 0 where it has stopped."""
         w = self._around
         return np.where((self._now / (2 * w.stands) + w.phase) % 1 < 0.5, 1.0, 0.0) if w.stands else 1.0
 
     @property
     def truth(self) -> Truth:
-        """Now."""
+        """Present true state."""
         return Truth(self.p, self.wind - self.target_velocity, self.psi, self.turn_rate)
 
     @property
     def velocity(self) -> Array:
-        """Over ground, (2, B), m/s, of those who fly."""
+        """Velocity over the ground, (2, B), m/s, of flights under control."""
         return self.airframe.speed * along(self.psi) + self.wind * self.carried
 
     @property
@@ -132,12 +138,12 @@ class World:
 
     @property
     def r_dot(self) -> Array:
-        """Its rate, (B,), m/s, of those who fly."""
+        """Horizontal range rate, (B,), m/s, of flights under control."""
         v = self.velocity - self.target_velocity
         return (self.p * v).sum(axis=0) / np.maximum(self.r, 1e-9)
 
     def step(self, dt: float, command: Array, flies: Array = 1.0) -> None:
-        """Go on for dt under held commands, rad/s; who does not fly (0) hovers."""
+        """Advance by dt with constant commands, rad/s. flies (B,): 1 or 0; a vehicle with 0 hovers."""
         a = self.airframe
         goal = np.clip(command, -a.limit, a.limit) * flies
         way = flown(a.speed * flies, self.psi, self.turn_rate, goal, a.lag, dt)
@@ -150,7 +156,7 @@ class World:
             self.p = self.p - way * self._goes
             self._speed, self._course = self._speed + w.target_push * dt, self._course + w.target_turn * dt
         self._now += dt
-        if np.any(w.veer):  # in the first VEER_TIME of every period
+        if np.any(w.veer):  # the wind turns in the first VEER_TIME of every period
             times, since = np.divmod(self._now + w.phase * VEER_EVERY, VEER_EVERY)
             self._steady = turned(w.wind, w.veer * (times + np.minimum(since / VEER_TIME, 1.0)))
         if self._random:
@@ -162,24 +168,24 @@ class World:
 
 
 def along(angle: Array) -> Array:
-    """Unit vectors (2, B) at angles (B,), rad."""
+    """Return the unit vectors (2, B) at angles (B,), rad."""
     return np.stack([np.cos(angle), np.sin(angle)])
 
 
 def turned(vector: Array, angle: Array) -> Array:
-    """Vectors (2, B) turned to the left by angles (B,), rad."""
+    """Return the vectors (2, B) turned to the left by angles (B,), rad."""
     c, s = along(angle)
     return np.stack([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
 
 
 def turn_step(omega: Array, command: Array, lag: Array, dt: float) -> tuple[Array, Array]:
-    """Turn rate after dt under a held command, and the angle turned: first-order lag, exactly."""
+    """Return turn rate and turned angle after dt with a constant command: the exact first-order lag."""
     late = np.maximum(lag, 1e-9)
     keep = np.exp(-dt / late)
     return command + (omega - command) * keep, command * dt + (omega - command) * late * (1 - keep)
 
 
 def flown(V: Array, psi: Array, omega: Array, command: Array, lag: Array, dt: float) -> Array:
-    """Displacement through the air (2, B) during that step, by three-point Gauss quadrature of the exact heading."""
+    """Return the displacement through the air (2, B) in such a step, by 3-point Gauss quadrature of the heading."""
     headings = (psi + turn_step(omega, command, lag, at * dt)[1] for at in GAUSS_AT)
     return V * dt * sum(weight * along(heading) for weight, heading in zip(GAUSS_WEIGHT, headings, strict=True))

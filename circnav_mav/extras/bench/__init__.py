@@ -1,4 +1,4 @@
-"""Every law through wind, gusts, moving targets and bad sensors: one table."""
+"""Benchmark of all laws in wind and gusts, with moving targets and bad sensors, as one table."""
 
 from circnav_mav.extension import Extension
 

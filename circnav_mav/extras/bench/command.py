@@ -1,4 +1,4 @@
-"""`circnav bench`: flies the cells that are asked for."""
+"""The command `circnav bench`."""
 
 import os
 from collections.abc import Iterable
@@ -12,7 +12,7 @@ from circnav_mav.extras.bench import bench
 
 
 def fly_bench(flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed: int, out: str | None) -> int:
-    """Fly the cells asked for, all by default, and print a line for each. Raises Refused."""
+    """Fly the requested cells, by default all, and print a line for each. Raises Refused."""
     _known("--law", laws, POLICIES)
     _known("--situation", situations, SITUATIONS)
     folder = Path(out) if out else None
@@ -20,11 +20,11 @@ def fly_bench(flights: int, laws: tuple[str, ...], situations: tuple[str, ...], 
     with refusing(out or "bench"):
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
-            (folder / "table.csv").open("ab").close()  # better now than after hours of flight
+            (folder / "table.csv").open("ab").close()  # fail now, not after hours of flight
         try:
             bench.run(cells, flights, seed, folder, tell=say, cores=os.cpu_count() or 1)
         except WorkerDiedError:
-            raise Refused("a worker process died (out of memory?): ask for fewer --flights", Exit.INTERNAL) from None
+            raise Refused("a worker process died (out of memory?): reduce --flights", Exit.INTERNAL) from None
     return Exit.DONE
 
 

@@ -1,4 +1,4 @@
-"""The command `circnav bench`, described; `command` carries it out."""
+"""Options and help of `circnav bench`. The module `command` runs it."""
 
 import click
 
@@ -6,16 +6,16 @@ from circnav_mav.cli.describe import Folder, command
 
 
 @command("circnav_mav.extras.bench.command:fly_bench", short_help="Compare the laws over many flights.")
-@click.option("--flights", type=click.IntRange(1), default=1000, metavar="N", help="Flights of each cell.")
+@click.option("--flights", type=click.IntRange(1), default=1000, metavar="N", help="Flights per cell.")
 @click.option("--law", "laws", multiple=True, metavar="NAME", help="Only this law (law+estimator). May be repeated.")
 @click.option("--situation", "situations", multiple=True, metavar="NAME", help="Only this situation. May be repeated.")
-@click.option("--seed", type=click.IntRange(0), default=1, metavar="N", help="Of all random numbers.")
+@click.option("--seed", type=click.IntRange(0), default=1, metavar="N", help="Seed of all random numbers.")
 @click.option("--out", type=Folder(), metavar="DIR", help="Write table.csv, table.md and table.png there.")
 def bench() -> None:
-    """Compare the laws over many flights. Wind, gusts, moving targets, bad sensors; the result is one table.
+    """Compare the laws over many flights, with wind, gusts, moving targets and bad sensors. The result is a table.
 
     \b
     Examples:
         circnav bench --flights 50 --out bench
-        circnav bench --law auto --situation "wind .33 V"
+        circnav bench --law auto --situation "wind 0.33 V"
     """

@@ -1,4 +1,4 @@
-"""What a cell of the benchmark tells: its figures, its line, the two tables of BENCHMARK.md, and their picture."""
+"""Figures of a cell of the benchmark, its printed line, the two tables of BENCHMARK.md, and their picture."""
 
 import csv
 from collections.abc import Callable, Sequence
@@ -12,21 +12,21 @@ from circnav_mav.extras.batch.flight import SITUATIONS
 from circnav_mav.runlog.atomic_write import atomic_write
 
 OWN = "auto"
-"""The policy that has a table of its own, with all figures."""
+"""The policy with its own table of all figures."""
 LOST = 300.0
-"""RMS error, m, of the median flight from which on it is called lost."""
+"""RMS error of the median flight from which on a cell is reported as "lost", m."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
     """One law in one situation. Lengths in m, times in s; p95: 95th percentile over the flights.
 
-    rms: of the radius error over the last 100 s, peak: its largest. settled10, settled2: last exit from +-10 % and
-    +-2 % over the Dubins time to the tangent point, for starts outside 1.3 r_d. closest: 1st percentile of the closest
-    approach, for starts outside. wrong_way: flights that went round the wrong way, a quarter turn at least. turn_*: of
-    the command over the last 100 s, medians; limit_cycles: flights in which it was in one (see `TurnFigures`).
-    range_rmse, rate_rmse: of the estimates, m and m/s, over the last 100 s. nees_in_band: share of steps with the NEES
-    of (r, theta) in its 95 % band.
+    rms, peak: RMS and largest radius error over the last 100 s. settled10, settled2: last exit from ±10 % and ±2 %,
+    divided by the Dubins time to the tangent point, for starts outside 1.3 r_d. closest: 1st percentile of the closest
+    approach, for starts outside. wrong_way: flights that swept at least a quarter turn the wrong way. turn_*: medians
+    of the figures of the command over the last 100 s. limit_cycles: flights with a limit cycle (see `TurnFigures`).
+    range_rmse, rate_rmse: RMS error of the estimates over the last 100 s, m and m/s. nees_in_band: fraction of steps
+    with the NEES of (r, theta) in its 95 % band.
     """
 
     situation: str
@@ -58,14 +58,14 @@ class Cell:
 
 
 def line(cell: Cell) -> str:
-    """A row of the printed table. Settling is told in times of the shortest way there, median and 95th percentile."""
+    """Return the printed line of a cell. Settling is in multiples of the Dubins time, median and 95th percentile."""
     need = SITUATIONS[cell.situation].required
-    wanted = "" if need is None or cell.policy != OWN else f" (<= {need:.2f})"
+    required = "" if need is None or cell.policy != OWN else f" (<= {need:.2f})"
     wrong = f"wrong way {cell.wrong_way}  " if cell.wrong_way else ""
     cycles = f", limit cycles {cell.limit_cycles}" if cell.limit_cycles else ""
     return (
         f"{cell.situation:24s} {cell.policy:22s} kept {cell.kept:4d} of {cell.flights}  {wrong}"
-        f"RMS {cell.rms_median:7.3f} p95 {cell.rms_p95:8.3f}{wanted}, peak {cell.peak_median:.2f}  "
+        f"RMS {cell.rms_median:7.3f} p95 {cell.rms_p95:8.3f}{required}, peak {cell.peak_median:.2f}  "
         f"settled to 10 % in {cell.settled10_median:.2f}/{cell.settled10_p95:.2f} ideal times, "
         f"to 2 % in {cell.settled2_median:.2f}  "
         f"turn sd {cell.turn_std_deg_s:.1f} deg/s, at the limit {100 * cell.turn_at_limit:.0f} %, "
@@ -88,9 +88,9 @@ COLUMNS: dict[str, Callable[[Cell], str]] = {
     "RMS radius error, m: median / 95th percentile / worst; median peak": lambda cell: (
         f"**{cell.rms_median:.3f}** / {cell.rms_p95:.3f} / {cell.rms_max:.2f}; {cell.peak_median:.2f}"
     ),
-    "asked for": lambda cell: "report" if (need := SITUATIONS[cell.situation].required) is None else f"{need:.2f}",
-    "settled to +-10 %": lambda cell: f"{_times(cell.settled10_median)} / {_times(cell.settled10_p95)}",
-    "to +-2 %": lambda cell: f"{_times(cell.settled2_median)} / {_times(cell.settled2_p95)}",
+    "required": lambda cell: "report" if (need := SITUATIONS[cell.situation].required) is None else f"{need:.2f}",
+    "settled to ±10 %": lambda cell: f"{_times(cell.settled10_median)} / {_times(cell.settled10_p95)}",
+    "to ±2 %": lambda cell: f"{_times(cell.settled2_median)} / {_times(cell.settled2_p95)}",
     "turn command: sd deg/s / at the limit / rad/s per s": lambda cell: (
         f"{cell.turn_std_deg_s:.1f} / {100 * cell.turn_at_limit:.0f} % / {cell.turn_variation_rad_s2:.2f}"
     ),
@@ -99,32 +99,35 @@ COLUMNS: dict[str, Callable[[Cell], str]] = {
     "r' RMSE, m/s": lambda cell: f"{cell.rate_rmse:.3f}",
     "mean NEES / in 95 % band": lambda cell: f"{cell.nees_mean:.1f} / {100 * cell.nees_in_band:.0f} %",
 }
-"""Of the table of OWN."""
+"""Columns of the table of OWN."""
 
 
 def markdown(cells: Sequence[Cell]) -> str:
-    """The table of `auto`, then that of the other laws: median RMS radius error, in brackets the flights kept where it
-    is not all, after it the standard deviation of the turn command; whichever was flown."""
+    """Return the table of `auto`, then that of the other laws, as far as they were flown.
+
+    A cell of the second table has the median RMS radius error, the kept flights in brackets unless all were kept, and
+    the standard deviation of the turn command.
+    """
     own, others = ([cell for cell in cells if (cell.policy == OWN) is mine] for mine in (True, False))
-    tables = [_table(tuple(COLUMNS), [[told(cell) for told in COLUMNS.values()] for cell in own])] if own else []
+    tables = [_table(tuple(COLUMNS), [[text(cell) for text in COLUMNS.values()] for cell in own])] if own else []
     if others:
         laws = list(dict.fromkeys(cell.policy for cell in others))
         rows: dict[str, dict[str, str]] = {cell.situation: dict.fromkeys(laws, "") for cell in others}
         for cell in others:
             kept = "" if cell.kept == cell.flights else f" ({cell.kept})"
             rows[cell.situation][cell.policy] = f"{median_or_lost(cell)}{kept}, sd {cell.turn_std_deg_s:.1f}"
-        tables.append(_table(("situation", *laws), [(row, *said.values()) for row, said in rows.items()]))
+        tables.append(_table(("situation", *laws), [(row, *texts.values()) for row, texts in rows.items()]))
     return "\n".join(tables)
 
 
 def median_or_lost(cell: Cell) -> str:
-    """The median RMS radius error as the tables have it."""
+    """Return the median RMS radius error for the tables, or "lost"."""
     return f"{cell.rms_median:.2f}" if cell.rms_median < LOST else "lost"
 
 
 def draw(cells: Sequence[Cell], path: Path) -> None:
-    """The table as a picture: median RMS error in colour, flights kept in words. Situations down, laws across."""
-    from matplotlib.colors import LogNorm  # matplotlib is not for the workers
+    """Draw the table: median RMS error as color, kept flights as text. Rows are situations, columns laws."""
+    from matplotlib.colors import LogNorm  # the workers do not need matplotlib
     from matplotlib.figure import Figure
 
     from circnav_mav.report.plots import save

@@ -1,4 +1,4 @@
-"""A mission flown many times with varied values: a table, a summary and pictures."""
+"""Many flights of a mission with varied values: table, summary and pictures."""
 
 from circnav_mav.extension import Extension
 

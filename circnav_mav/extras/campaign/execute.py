@@ -1,4 +1,4 @@
-"""Where the chunks of a campaign are flown: here, on all cores, or on the workers of a Dask scheduler."""
+"""Execution of a campaign's chunks on the cores of this computer or on the workers of a Dask scheduler."""
 
 import logging
 import os
@@ -17,23 +17,23 @@ Chunks = Sequence[Sequence[int]]
 Done = Collection[int]
 Rows = Generator[list[Row], None, None]
 Part = tuple[list[Row], list[int]]
-GREET = ("", "tcp")
-"""Schemes of addresses by which the scheduler speaks first."""
-SCHEMES = (*GREET, "tls", "ws", "wss")
-PATIENCE = 5.0
-"""Time, s, that a scheduler is given to answer."""
+SERVER_FIRST = ("", "tcp")
+"""Schemes of addresses with which the scheduler sends first."""
+SCHEMES = (*SERVER_FIRST, "tls", "ws", "wss")
+CONNECT_TIMEOUT = 5.0
+"""Time within which a scheduler has to answer, s."""
 
 AHEAD = 1000
-"""Jobs that are handed out at once: more than any cluster has workers, and few enough to be remembered."""
+"""Number of jobs submitted at once: more than a cluster has workers, and few enough for the memory."""
 
 
 def cores() -> int:
-    """The processor cores that this process may use."""
+    """Return the number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def on_cores(campaign: Campaign, chunks: Chunks, processes: int, done: Done = frozenset()) -> Rows:
-    """The rows of the chunks but of the runs that are done, as they finish, in any order. Raises CampaignError."""
+    """Yield the rows of the chunks, except runs that are done, as they finish, in any order. Raises CampaignError."""
 
     def here(function: Callable[..., Part], *arguments: Any) -> Future[Part]:
         flown: Future[Part] = Future()
@@ -47,11 +47,11 @@ def on_cores(campaign: Campaign, chunks: Chunks, processes: int, done: Done = fr
         with workers(processes) as submit:
             yield from _gathered(submit, campaign, chunks, done)
     except WorkerDiedError:
-        raise CampaignError("a worker process died (out of memory?): --resume flies what is missing") from None
+        raise CampaignError("a worker process died (out of memory?): --resume flies the missing runs") from None
 
 
 def _gathered(submit: Submit, campaign: Campaign, chunks: Chunks, done: Done, ahead: int = AHEAD) -> Rows:
-    """The rows that are missing, flown by whoever takes what is submitted; what must be flown alone is a job each."""
+    """Yield the missing rows, flown by the workers behind `submit`. A run that must fly alone is a separate job."""
     ready: SimpleQueue[Future[Part]] = SimpleQueue()
     missing = ((chunk, set(chunk).difference(done)) for chunk in chunks)
     jobs = deque[tuple[Sequence[int], set[int]]]((chunk, wanted) for chunk, wanted in missing if wanted)
@@ -67,47 +67,49 @@ def _gathered(submit: Submit, campaign: Campaign, chunks: Chunks, done: Done, ah
 
 
 def on_scheduler(campaign: Campaign, chunks: Chunks, address: str, done: Done = frozenset()) -> Rows:
-    """The same on the workers of a Dask scheduler. Raises CampaignError."""
+    """Yield the rows as `on_cores` does, flown by the workers of a Dask scheduler. Raises CampaignError."""
     try:
         import distributed
     except ImportError:
         raise CampaignError("--scheduler needs Dask: pip install distributed") from None
-    _check_listens(address)
+    _check_scheduler(address)
     safe = distributed.Security().get_connection_args("client").get("ssl_context")  # type: ignore[no-untyped-call]
     if address.startswith(("tls:", "wss:")) and safe is None:
         scheme = address.partition(":")[0]
         raise CampaignError(f"--scheduler {address}: {scheme} needs the certificates named in Dask's configuration")
-    for name in ("distributed", "distributed.client"):  # Dask gives the second a level of its own
+    for name in ("distributed", "distributed.client"):  # Dask sets the level of the second one separately
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
-        client: Any = distributed.Client(address, timeout=PATIENCE, set_as_default=False)  # type: ignore[no-untyped-call]
-    except Exception as error:  # Dask raises many: no scheduler is there, or it wants certificates
-        said = str(error).splitlines()[0] if str(error) else "no answer"
-        raise CampaignError(f"--scheduler {address}: no Dask scheduler answers: {said}") from None
+        client: Any = distributed.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)  # type: ignore[no-untyped-call]
+    except Exception as error:  # Dask raises many types: there is no scheduler, or it requires certificates
+        reason = str(error).splitlines()[0] if str(error) else "no answer"
+        raise CampaignError(f"--scheduler {address}: no Dask scheduler answers: {reason}") from None
     with client:
         if not client.scheduler_info()["workers"]:
             raise CampaignError(f"--scheduler {address}: has no workers: start some with: dask worker {address}")
         try:
             yield from _gathered(client.get_executor(pure=False).submit, campaign, chunks, done)
         except Exception as error:
-            said = " ".join(str(error).split())[:200]
+            reason = " ".join(str(error).split())[:200]
             raise CampaignError(
-                f"--scheduler {address}: {type(error).__name__}: {said}; --resume flies what is missing"
+                f"--scheduler {address}: {type(error).__name__}: {reason}; --resume flies the missing runs"
             ) from None
 
 
-def _check_listens(address: str) -> None:
-    """Whether anybody listens there, and greets as a scheduler does; Dask itself would try for long, and leave threads
-    that complain. Raises CampaignError."""
+def _check_scheduler(address: str) -> None:
+    """Check that a scheduler answers at an address. Raises CampaignError.
+
+    Dask itself would retry for a long time, and its threads would print errors afterwards.
+    """
     scheme, _, place = address.rpartition("://")
     host, _, port = place.rpartition(":")
     if scheme not in SCHEMES or not host or not port.isdecimal() or int(port) > 65535:
         raise CampaignError(f"--scheduler {address}: write it as tcp://HOST:PORT, or with tls, ws or wss in front")
     try:
-        with socket.create_connection((host.strip("[]"), int(port)), PATIENCE) as there:
-            greeted = scheme not in GREET or there.recv(1)
+        with socket.create_connection((host.strip("[]"), int(port)), CONNECT_TIMEOUT) as there:
+            answered = scheme not in SERVER_FIRST or there.recv(1)
     except (OSError, UnicodeError) as error:
-        said = getattr(error, "strerror", None) or error
-        raise CampaignError(f"--scheduler {address}: nobody answers: {said}") from None
-    if not greeted:
-        raise CampaignError(f"--scheduler {address}: whoever answers there is no Dask scheduler")
+        reason = getattr(error, "strerror", None) or error
+        raise CampaignError(f"--scheduler {address}: no answer: {reason}") from None
+    if not answered:
+        raise CampaignError(f"--scheduler {address}: the program at this address is not a Dask scheduler")

@@ -1,5 +1,4 @@
-"""A track as one row of the table, from the true path alone, whichever engine flew it; and the figures of many rows
-with their confidence intervals."""
+"""Row of a flight in the table, computed from its true path, and figures of many rows with confidence intervals."""
 
 from collections.abc import Mapping, Sequence, Sized
 from dataclasses import asdict
@@ -8,58 +7,61 @@ from typing import Any
 
 import numpy as np
 
-from circnav_mav.extras.campaign.lockstep import COMPLETED, Track
+from circnav_mav.extras.campaign.lockstep import COMPLETED, FlightResult
 from circnav_mav.extras.campaign.plan import Campaign, Run
 from circnav_mav.runlog import metrics
 from circnav_mav.runlog.metrics import NAMES, late_figures
 
 KEPT_WITHIN = 0.1
-"""A flight is kept when it was completed, went round in the sense asked for, and the RMS radius error of its last third
-is below this share of the radius."""
+"""A flight is kept if it was completed, went round in the required sense, and the RMS radius error of its last third is
+below this fraction of the radius."""
 FIGURES = (
     "engine", "outcome", "start_range_m", "start_bearing_deg", "start_heading_deg", "engaged_s", "flown_s", "kept",
     "rms_m", "mean_error_m", "settled_s", "closest_m", *NAMES, "sense", "right_way", "error",
 )  # fmt: skip
 NUMBERS = frozenset(name for name in FIGURES if name.endswith(("_m", "_s", "_deg", "_at_limit", "_rad_s2")))
 FAILED = "error"
-"""The outcome of a run that could not be flown."""
+"""Outcome of a run that could not be flown."""
 
 
 def columns(campaign: Campaign) -> list[str]:
-    """The header of the table."""
+    """Return the header of the table."""
     return ["run", "sim.seed", *(key for key in campaign.specs if key != "sim.seed"), *FIGURES]
 
 
-def row(run: Run, track: Track) -> dict[str, Any]:
-    """The row of a flight. The sense of rotation is that of the true path's last third; None below a quarter turn."""
-    orbit, r = run.mission.orbit, np.hypot(track.east, track.north)
-    east, north, heading = track.start
+def row(run: Run, result: FlightResult) -> dict[str, Any]:
+    """Return the row of a flight. The sense of rotation comes from the last third of the true path.
+
+    It is None below a quarter turn.
+    """
+    orbit, r = run.mission.orbit, np.hypot(result.east, result.north)
+    east, north, heading = result.start
     known: dict[str, Any] = {
         "run": run.number,
         **run.values,
-        "engine": track.engine,
-        "outcome": track.outcome,
+        "engine": result.engine,
+        "outcome": result.outcome,
         "start_range_m": hypot(east, north),
         "start_bearing_deg": degrees(atan2(east, north)) % 360,
         "start_heading_deg": degrees(heading) % 360,
-        "engaged_s": track.engaged,
+        "engaged_s": result.engaged,
         "kept": False,
     }
     if len(r) < 2:
         return known
-    late = metrics.last_part(track.time, r)
-    swept = metrics.swept_angle(*(metrics.last_part(track.time, values) for values in (track.north, track.east)))
+    late = metrics.last_part(result.time, r)
+    swept = metrics.swept_angle(*(metrics.last_part(result.time, values) for values in (result.north, result.east)))
     sense = metrics.direction_of(swept)
     rms = metrics.rms_error(late, orbit.radius)
     assert rms is not None
-    turn = late_figures(track.turn_time, track.turn, track.turn_cut, orbit)
-    kept = track.outcome == COMPLETED and sense is orbit.direction and rms < KEPT_WITHIN * orbit.radius
+    turn = late_figures(result.turn_time, result.turn, result.turn_cut, orbit)
+    kept = result.outcome == COMPLETED and sense is orbit.direction and rms < KEPT_WITHIN * orbit.radius
     return known | {
-        "flown_s": float(track.time[-1]),
+        "flown_s": float(result.time[-1]),
         "kept": kept,
         "rms_m": rms,
         "mean_error_m": float(late.mean()) - orbit.radius,
-        "settled_s": metrics.settled(track.time, r, orbit.radius),
+        "settled_s": metrics.settled(result.time, r, orbit.radius),
         "closest_m": float(r.min()),
         **(asdict(turn) if turn else {}),
         "sense": sense.value if sense else None,
@@ -68,28 +70,28 @@ def row(run: Run, track: Track) -> dict[str, Any]:
 
 
 def failed_row(number: int, values: dict[str, Any], error: str) -> dict[str, Any]:
-    """The row of a run that could not be flown."""
+    """Return the row of a run that could not be flown."""
     return {"run": number, **values, "outcome": FAILED, "kept": False, "error": error}
 
 
 SUMMARY = "summary.json"
 Z = 1.959964
-"""Both intervals are of 95 %."""
+"""Quantile of the normal distribution for intervals of 95 %."""
 LEAST_WORLDS = 6
 Interval = tuple[float | None, float | None]
 Rows = Sequence[dict[str, str]]
-"""Of the table, as text."""
+"""Rows of the table, as text."""
 
 
 def figures(rows: Rows, points: int = 1) -> dict[str, Any]:
-    """The figures of some rows of the table. points: of the grid, which all share the draws of a round.
+    """Return the figures of some rows of the table. points: grid points, which share their draws in each pass.
 
-    failed: could not be flown. not_engaged: ended before it was ours; neither has an RMS error or a settling time, and
-    those figures are of the others. wrong_way: went round in the wrong sense. rms_*: m, radius error of the last third.
-    settled_*: s from the engagement until within 5 % for good, all of the last third included, None where that is
-    never. closest: m, of all flights. worlds: flights that share their draws and their noise at several points of the
-    grid count as one in the intervals. turn_*: medians of the flights' figures of the turn command (see `TurnFigures`).
-    limit_cycles: flights whose command was in one."""
+    failed: could not be flown. not_engaged: ended before the engagement. Neither has an RMS error or a settling time,
+    so those figures are of the other flights. wrong_way: went round in the wrong sense. rms_*: RMS radius error of the
+    last third, m. settled_*: time from the engagement until the error stays within 5 %, s; None: never. closest:
+    closest approach of all flights, m. worlds: flights with the same draws and noise count as one in the intervals.
+    turn_*: medians of the figures of the turn command (see `TurnFigures`). limit_cycles: flights with a limit cycle.
+    """
     flown = [row for row in rows if row["rms_m"]]
     worlds, worlds_flown = (len({int(row["run"]) // points for row in some}) for some in (rows, flown))
     kept, rms = sum(row["kept"] == "true" for row in rows), known(rows, "rms_m")
@@ -116,12 +118,12 @@ def figures(rows: Rows, points: int = 1) -> dict[str, Any]:
 
 
 def known(rows: Rows, name: str) -> Any:
-    """The numbers of a column where there are any, in their order of size."""
+    """Return the numbers of a column, sorted, without empty cells."""
     return np.sort([float(row[name]) for row in rows if row[name]])
 
 
-def summarise(rows: Rows, swept: Mapping[str, Sized]) -> dict[str, Any]:
-    """summary.json: "all", and "by" swept key and value. swept: the values of the grid by key."""
+def summarize(rows: Rows, swept: Mapping[str, Sized]) -> dict[str, Any]:
+    """Return the contents of summary.json: "all", and "by" swept key and value. swept: values of the grid by key."""
     points = prod(len(values) for values in swept.values())
     by: dict[str, dict[str, Any]] = {}
     for key in swept:
@@ -131,9 +133,11 @@ def summarise(rows: Rows, swept: Mapping[str, Sized]) -> dict[str, Any]:
 
 
 def wilson(share: float, worlds: int) -> Interval:
-    """Wilson's score interval of a share, over so many worlds that are independent of one another. Flights in one world
-    may all fare alike, so that they tell no more than one of them; where they do not, the interval is wider than need
-    be."""
+    """Return Wilson's score interval of a share, over a number of independent worlds.
+
+    Flights in one world may all have the same result and then count as one. If they do not, the interval is wider than
+    necessary.
+    """
     if worlds == 0:
         return None, None
     spread = Z**2 / worlds
@@ -143,8 +147,10 @@ def wilson(share: float, worlds: int) -> Interval:
 
 
 def median_interval(ordered: Any, worlds: int) -> Interval:
-    """Order statistics that hold the median whatever the distribution: ranks n/2 -+ z n / (2 sqrt(worlds)), rounded
-    outwards. Of fewer than six worlds even the least and the largest hold it in less than 95 % of all cases: none."""
+    """Return an interval of the median for any distribution: ranks n/2 ± z n / (2 sqrt(worlds)), rounded outwards.
+
+    With fewer than six worlds even the smallest and the largest value contain it with less than 95 %: no interval.
+    """
     n = len(ordered)
     if worlds < LEAST_WORLDS:
         return None, None
@@ -154,6 +160,6 @@ def median_interval(ordered: Any, worlds: int) -> Interval:
 
 
 def percentile(ordered: Any, q: float) -> float | None:
-    """The larger neighbour, for there is no mean of a number and never; None of nothing, and for never."""
+    """Return a percentile that is one of the values, since a number and "never" have no mean; None: never or empty."""
     value = float(np.percentile(ordered, q, method="higher")) if len(ordered) else float("inf")
     return value if isfinite(value) else None

@@ -1,7 +1,6 @@
-"""Many flights of a campaign at once: the emulator's ideal copters and their radios under the batch's guidance, without
-the messages.
+"""Many flights of a campaign at once: ideal copters and radios of the emulator with the batch guidance, no messages.
 
-What the emulator and the mission file say clockwise from north is turned into the paper's frame by `mav.frames` here.
+Angles of the emulator and of mission files (clockwise from north) are converted into the paper's frame by `mav.frames`.
 """
 
 from collections.abc import Iterable, Sequence
@@ -16,21 +15,25 @@ from circnav_sim.sensor import CHARACTERS
 from circnav_sim.starting import starting_body
 
 from circnav_mav.extras.batch.guidance import Authority, Guidance, estimator, fly
-from circnav_mav.extras.batch.sensors import NO_NOISE, OwnSenses, Radio, Ranging, Reading
+from circnav_mav.extras.batch.sensors import NO_NOISE, MotionSensors, Radio, Ranging, Reading
 from circnav_mav.extras.batch.world import Airframe, Surroundings, Truth, World
-from circnav_mav.extras.campaign.lockstep import COMPLETED, Flight, Track
+from circnav_mav.extras.campaign.lockstep import COMPLETED, Flight, FlightResult
 from circnav_mav.extras.campaign.plan import Run
 from circnav_mav.guidance.maths import Array
 from circnav_mav.guidance.step import StepSettings
 from circnav_mav.guidance.types import SAME_TIME
 from circnav_mav.mav.frames import YawRate, course_from_yaw, turn_rate_from_yaw_rate
 
-SAID = {"distance_sensor": (0.01, 0.1594), "ranging_beacon": (1e-3, np.inf), "named_value_float": (np.inf, 0.0)}
-"""Least and largest standard deviation, m, that a message can tell; whatever is beyond is left to the mission."""
+REPORTABLE_SIGMA = {
+    "distance_sensor": (0.01, 0.1594),
+    "ranging_beacon": (1e-3, np.inf),
+    "named_value_float": (np.inf, 0.0),
+}
+"""Least and largest standard deviation that a message can carry, m. Outside, the value of the mission is used."""
 
 
 def emulated_world(runs: Sequence[Run]) -> World:
-    """Vehicles, winds and targets. A copter that holds its speed over the ground is carried by no wind."""
+    """Return vehicles, winds and targets. A copter that holds its speed over the ground does not drift in wind."""
     bodies = [starting_body(run.vehicle, (0.0, 0.0)) for run in runs]
     winds, targets = [run.vehicle.wind for run in runs], [run.vehicle.target for run in runs]
     towards = _array(course_from_yaw(radians(wind.from_deg) + pi) for wind in winds)
@@ -58,7 +61,7 @@ def emulated_world(runs: Sequence[Run]) -> World:
 
 
 def emulated_radio(runs: Sequence[Run], every: int) -> Radio:
-    """Their radios, of which a sample comes `every` so many steps, and what the pilot reads of them."""
+    """Return the radios, with a sample per `every` steps, and the pilot's processing of their ranges."""
     configs = [run.vehicle.ranging for run in runs]
     kinds = [CHARACTERS[config.preset] for config in configs]
     ranging = Ranging(
@@ -76,14 +79,14 @@ def emulated_radio(runs: Sequence[Run], every: int) -> Radio:
         gap=_array(k.gap for k in kinds),
         every=every,
     )
-    said = []  # the standard deviation that a range comes with: its message's, else the mission's
+    sigmas = []  # standard deviation of a range: as reported by its message, else as in the mission
     for run in runs:
-        (least, most), noise = SAID[run.mission.file.ranging.message], run.vehicle.ranging.noise_m
-        told = run.vehicle.ranging.report_accuracy and noise <= most
-        said.append(max(noise, least) if told else run.mission.file.ranging.sigma_m)
+        (least, most), noise = REPORTABLE_SIGMA[run.mission.file.ranging.message], run.vehicle.ranging.noise_m
+        reported = run.vehicle.ranging.report_accuracy and noise <= most
+        sigmas.append(max(noise, least) if reported else run.mission.file.ranging.sigma_m)
     heights = (-starting_body(run.vehicle, (0.0, 0.0)).down - run.vehicle.target.altitude_m for run in runs)
     reading = Reading(
-        sigma=_array(said),
+        sigma=_array(sigmas),
         most=_array(run.mission.max_range for run in runs),
         height=_array(run.mission.file.orbit.height_above_target_m or 0.0 for run in runs),
     )
@@ -91,13 +94,13 @@ def emulated_radio(runs: Sequence[Run], every: int) -> Radio:
 
 
 def white_noise(config: RangingConfig) -> float:
-    """Standard deviation of the white noise of the emulator's ranges, m."""
+    """Return the standard deviation of the white noise of the emulator's ranges, m."""
     white = CHARACTERS[config.preset].white
     return config.noise_m if white is None else white
 
 
 def guidance_of(runs: Sequence[Run]) -> Guidance:
-    """The missions' guidance: one law and one estimator, every flight's own numbers."""
+    """Return the guidance of the missions: one law and one estimator, with the numbers of each flight."""
     missions = [run.mission for run in runs]
     each = [StepSettings.of(mission.orbit, mission.law) for mission in missions]
     numbers = {f.name: _array(getattr(one, f.name) for one in each) for f in fields(StepSettings) if f.name != "law"}
@@ -110,7 +113,7 @@ def guidance_of(runs: Sequence[Run]) -> Guidance:
         len(runs),
         lag=_array(mission.file.vehicle.turn_lag_s for mission in missions),
         stale=missions[0].stale,
-        answers=runs[0].vehicle.vehicle.turn_lag_s,
+        true_lag=runs[0].vehicle.vehicle.turn_lag_s,
         turn_gain=_array(1.0 if gain == "learn" else gain for gain in gains),
         learns=np.array([gain == "learn" for gain in gains]),
     )
@@ -127,10 +130,12 @@ def _array(values: Iterable[Any]) -> Array:
 NEVER = 1 << 40
 
 
-def opening(run: Run) -> tuple[float, float] | None:
-    """Times, s, of the first range that reaches the pilot and of the first setpoint: asked of one real flight beside
-    its target, in perfect weather and with a perfect radio, for a batch has no modes and no heartbeats. None if it
-    would never be engaged."""
+def engagement_times(run: Run) -> tuple[float, float] | None:
+    """Return the times of the first range at the pilot and of the first setpoint, s; None if it never engages.
+
+    A batch has no modes and no heartbeats. The times are therefore taken from one lockstep flight that starts on the
+    circle, with ideal conditions and an ideal radio.
+    """
     vehicle, target = run.vehicle, run.vehicle.target
     beside = target.north_m + run.mission.orbit.radius
     clean = vehicle.changed(
@@ -140,34 +145,39 @@ def opening(run: Run) -> tuple[float, float] | None:
     )
     flight = Flight(replace(run, vehicle=clean))
     patience = 2 * run.mission.file.link.wait_s
-    heard = None
+    received = None
     while flight.pilot.mission.engaged_at is None and not flight.pilot.done and flight.now < patience:
         flight.step(patience)
-        if heard is None and flight.pilot.tracker.accepted:
-            heard = flight.now
+        if received is None and flight.pilot.tracker.accepted:
+            received = flight.now
     steered = flight.pilot.mission.engaged_at
-    return None if heard is None or steered is None else (heard, steered)
+    return None if received is None or steered is None else (received, steered)
 
 
 class Engagement(Authority):
-    """Which flights are ours: from the first good estimate after the opening, until the mission's time is over or there
-    was no good estimate for too long. engaged, ended (B,): steps. stopped (B,): whether it ended for want of ranges."""
+    """Flights under control: from the first good estimate after `begins` to the end of the mission's time.
+
+    A flight also ends after too long a time without a good estimate. engaged, ended (B,): steps. stopped (B,): True if
+    it ended because ranges were missing.
+    """
 
     def __init__(self, runs: Sequence[Run], begins: tuple[float, float], dt: float) -> None:
         limits = runs[0].mission.file.limits
-        self._heard, self._first = (round(time / dt) for time in begins)
+        self._first_range, self._first_setpoint = (round(time / dt) for time in begins)
         self._length, self._patience = round(limits.duration_s / dt), round(runs[0].mission.file.link.wait_s / dt)
         self._hold = (limits.hold_s + SAME_TIME) / dt
         self.engaged, self.ended = np.full(len(runs), NEVER), np.full(len(runs), NEVER)
         self._good_at = np.full(len(runs), NEVER)
         self.stopped = np.zeros(len(runs), bool)
 
-    def hears(self, step: int) -> Array:
-        return (step >= self._heard) & (step < self.ended)
+    def receives(self, step: int) -> Array:
+        return (step >= self._first_range) & (step < self.ended)
 
     def flies(self, step: int, good: Array) -> Array:
         waits = self.engaged == NEVER
-        self.engaged = np.where(waits & good & (step >= self._first) & (self.ended == NEVER), step, self.engaged)
+        self.engaged = np.where(
+            waits & good & (step >= self._first_setpoint) & (self.ended == NEVER), step, self.engaged
+        )
         ours = (self.engaged <= step) & (step < self.ended)
         self._good_at = np.where(good, step, self._good_at)
         lost = ours & (step - self._good_at > self._hold)
@@ -182,14 +192,14 @@ class Engagement(Authority):
 
 
 def time_step(run: Run) -> float:
-    """Of the batch that a run is flown in, s: as many to a range as bring it to the pilot's ticks at least."""
+    """Return the time step of a run's batch, s: a fraction of the range interval, at most the pilot's tick."""
     period = 1 / run.vehicle.ranging.rate_hz
     return period / ceil(period * run.mission.file.limits.tick_hz - 1e-9)
 
 
-def fly_batch(runs: Sequence[Run]) -> list[Track] | None:
-    """Fly runs of one group; tracks in their order. None where a real flight shows that they would not be engaged."""
-    begins = opening(runs[0])
+def fly_batch(runs: Sequence[Run]) -> list[FlightResult] | None:
+    """Fly runs of the same group. Return their results in order; None if a lockstep flight does not engage."""
+    begins = engagement_times(runs[0])
     if begins is None:
         return None
     dt = time_step(runs[0])
@@ -202,12 +212,14 @@ def fly_batch(runs: Sequence[Run]) -> list[Track] | None:
         turns.append(command.astype(np.float32))
         cuts.append(cut)
 
-    fly(world, radio, OwnSenses(NO_NOISE, []), guidance_of(runs), engagement, dt, record)
+    fly(world, radio, MotionSensors(NO_NOISE, []), guidance_of(runs), engagement, dt, record)
     kept = np.stack(path), np.stack(turns), np.stack(cuts)
-    return [_track(run, flight, engagement, dt, *kept) for flight, run in enumerate(runs)]
+    return [_result(run, flight, engagement, dt, *kept) for flight, run in enumerate(runs)]
 
 
-def _track(run: Run, flight: int, engagement: Engagement, dt: float, path: Array, turns: Array, cuts: Array) -> Track:
+def _result(
+    run: Run, flight: int, engagement: Engagement, dt: float, path: Array, turns: Array, cuts: Array
+) -> FlightResult:
     engaged, ended = int(engagement.engaged[flight]), int(engagement.ended[flight])
     outcome, ours = COMPLETED, slice(engaged, ended)
     if engaged == NEVER:
@@ -215,7 +227,7 @@ def _track(run: Run, flight: int, engagement: Engagement, dt: float, path: Array
     elif engagement.stopped[flight]:
         outcome = f"no range for {run.mission.file.limits.hold_s:.1f} s"
     time = dt * np.arange(len(path[ours]), dtype=float)
-    return Track(
+    return FlightResult(
         engine="batch",
         start=(float(path[0, 0, flight]), float(path[0, 1, flight]), starting_body(run.vehicle, (0.0, 0.0)).heading),
         engaged=engaged * dt if engaged != NEVER else None,

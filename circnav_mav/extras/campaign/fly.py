@@ -1,5 +1,4 @@
-"""What every way of running a campaign runs: run numbers in, rows out. Flights that are alike enough fly in batches;
-whatever else is varied flies in lockstep."""
+"""Flights of a campaign: run numbers in, rows out. Similar flights are flown in batches, all others in lockstep."""
 
 import traceback
 from collections.abc import Collection, Iterable, Sequence
@@ -25,24 +24,26 @@ OWN = frozenset({
 })  # fmt: skip
 OWN_OF_KALMAN = OWN | {"vehicle.speed_mps", "vehicle.turn_lag_s", "sim.vehicle.turn_lag_s"}
 OWN_TABLES = ("sim.start.random.", "sim.target.", "sim.wind.")
-"""What each flight of a batch has of its own; flights of one batch share everything else."""
+"""Keys and tables that may differ between the flights of a batch. All other values are the same."""
 MOST_SCATTER = 1.5
-"""Scatter of the ranges over what the mission says of it, from which on the pilot may find it out."""
+"""Largest ratio of true range noise to the mission's in a batch. With more, the pilot may detect the difference."""
 MOST_OUTLIERS = 0.13
-"""Share of outliers from which on the pilot may take them for noise."""
+"""Largest fraction of outliers for a batch. With more, the pilot may treat them as noise."""
 
 
 def group(run: Run) -> tuple[tuple[str, str], ...]:
-    """What must be the same in all flights of a batch."""
+    """Return the values that must be the same in all flights of a batch."""
     own = OWN_OF_KALMAN if run.mission.estimator == "kalman" else OWN
     values = dict(flat(run.mission.file.model_dump(exclude={"sim"}) | {"sim": run.vehicle.model_dump()}))
     shared = (key for key in values if key not in own and not key.startswith(OWN_TABLES))
     return tuple((key, repr(values[key])) for key in sorted(shared))
 
 
-def obstacle(run: Run) -> str | None:
-    """Why this flight needs lockstep, first what a batch does not model: other vehicles, what the pilot does beside
-    steering, radios that are not alike. None if a batch flies it."""
+def lockstep_reason(run: Run) -> str | None:
+    """Return the first reason why a flight needs lockstep, or None if a batch can fly it.
+
+    A batch models only the ideal copter and the pilot's steering, with radios of the same kind.
+    """
     file, sim = run.mission.file, run.vehicle
     airframe, start, ranging = sim.vehicle, sim.start, sim.ranging
     ideal = airframe.profile == "arducopter" and airframe.dynamics != "realistic" and airframe.speed_lag_s == 0
@@ -57,8 +58,8 @@ def obstacle(run: Run) -> str | None:
         "sim.ranging.rate_hz is 0": ranging.rate_hz <= 0,
         "sim.ranging.latency_s is not 0": ranging.latency_s > 0,
         'sim.ranging.via = "autopilot" repeats ranges': ranging.via == "autopilot",
-        "ranges scatter more than ranging.sigma_m says": white_noise(ranging) > MOST_SCATTER * file.ranging.sigma_m,
-        "sim.ranging.outlier_fraction is so large that the pilot takes outliers for noise": wild,
+        "the range noise is larger than ranging.sigma_m": white_noise(ranging) > MOST_SCATTER * file.ranging.sigma_m,
+        "sim.ranging.outlier_fraction is so large that the pilot treats outliers as noise": wild,
         "[ranging] resent or stamp is not the default": file.ranging.resent or file.ranging.stamp == "arrival",
         "ranging.rate_name: a measured range rate": file.ranging.rate_name is not None,
         "guidance.radius_trim_per_s is not 0": file.guidance.radius_trim_per_s > 0,
@@ -70,53 +71,52 @@ def obstacle(run: Run) -> str | None:
 
 Row = dict[str, Any]
 BATCH_STEPS = 8_000_000
-"""Steps times flights of a chunk: what is kept of a step and flight takes 13 bytes."""
+"""Largest number of steps times flights in a chunk. Each takes 13 bytes."""
 MOST_IN_CHUNK = 1000
-"""Flights in a chunk: with more, numpy's own cost of a step does not matter any more."""
-MOST_LOOKED_AT = 64
-"""Flights among which one is looked for that a batch flies."""
+"""Largest number of flights in a chunk: with more, numpy's overhead per step is negligible already."""
+MOST_TRIED = 64
+"""Number of flights that are searched for one that a batch can fly."""
 LEAST_CHUNKS = 4
-"""A small campaign is still cut into so many chunks, for that many processes."""
+"""Least number of chunks, so that a small campaign uses several processes."""
 
 
 def chunks(campaign: Campaign) -> list[range]:
-    """The runs, cut up in a way that depends on the campaign alone: a row never depends on who flies it with whom."""
+    """Return the runs in chunks that depend on the campaign only, so that rows are independent of the processes."""
     size = max(1, min(_most_together(campaign), -(-campaign.runs // LEAST_CHUNKS)))
     return [range(first, min(first + size, campaign.runs)) for first in range(0, campaign.runs, size)]
 
 
 def _most_together(campaign: Campaign) -> int:
-    """How many flights make a chunk: as many as memory holds of the first that a batch flies, one where none does."""
-    for number in range(min(campaign.runs, MOST_LOOKED_AT) if campaign.engine != "lockstep" else 0):
+    """Return the number of flights per chunk, which the memory limits; 1 if no batch can fly them."""
+    for number in range(min(campaign.runs, MOST_TRIED) if campaign.engine != "lockstep" else 0):
         try:
             run = prepare(campaign, number)
         except (MissionError, ConfigError):
             continue
-        if obstacle(run) is None:
+        if lockstep_reason(run) is None:
             steps = int(run.mission.file.limits.duration_s / time_step(run)) + 1
             return min(MOST_IN_CHUNK, max(1, BATCH_STEPS // steps))
     return 1
 
 
 def fly_chunk(campaign: Campaign, numbers: Iterable[int]) -> list[Row]:
-    """Fly some runs to their ends and return their rows in order."""
+    """Fly some runs and return their rows in order."""
     rows, alone = _fly_batches(campaign, numbers)
     for run in alone:
         try:
             rows.append(row(run, fly_lockstep(run)))
         except Exception as error:
             where = traceback.extract_tb(error.__traceback__)[-1].name
-            said = " ".join(f"internal error: {type(error).__name__}: {error} ({where})".split())
-            rows.append(failed_row(run.number, run.values, said))
+            text = " ".join(f"internal error: {type(error).__name__}: {error} ({where})".split())
+            rows.append(failed_row(run.number, run.values, text))
     return sorted(rows, key=lambda done: int(done["run"]))
 
 
 def fly_part(campaign: Campaign, chunk: Sequence[int], wanted: Collection[int]) -> tuple[list[Row], list[int]]:
-    """The rows of those wanted runs of a chunk that fly together, and the numbers of those that take a flight each:
-    their rows need not wait for one another. A single run is always flown.
+    """Fly the batches of a chunk. Return the rows of wanted runs, and the numbers of runs that must fly alone.
 
-    The whole batch is flown: how numpy sums up depends on how many fly together, and a row must not depend on where a
-    campaign was interrupted.
+    A single run is always flown. Otherwise all runs of the batch are flown, not only wanted runs: numpy's rounding
+    depends on the size of the batch, and a row must not depend on where a campaign was interrupted.
     """
     if len(chunk) == 1:
         return fly_chunk(campaign, chunk), []
@@ -125,8 +125,7 @@ def fly_part(campaign: Campaign, chunk: Sequence[int], wanted: Collection[int]) 
 
 
 def _fly_batches(campaign: Campaign, numbers: Iterable[int]) -> tuple[list[Row], list[Run]]:
-    """The rows of all but the runs that must be flown alone, and these. Nothing that a run does keeps the others from
-    being flown."""
+    """Return the rows of the batches, and the runs that must fly alone. Errors of a run do not affect the others."""
     rows: list[Row] = []
     alone: list[Run] = []
     together: dict[tuple[tuple[str, str], ...], list[Run]] = {}
@@ -136,19 +135,19 @@ def _fly_batches(campaign: Campaign, numbers: Iterable[int]) -> tuple[list[Row],
         except (MissionError, ConfigError) as error:
             rows.append(failed_row(number, campaign.values(number), str(error)))
             continue
-        reason = "the campaign wants lockstep" if campaign.engine == "lockstep" else obstacle(run)
+        reason = "the campaign requires lockstep" if campaign.engine == "lockstep" else lockstep_reason(run)
         if reason is None:
             together.setdefault(group(run), []).append(run)
         elif campaign.engine == "batch":
-            rows.append(failed_row(number, run.values, f"no batch flies this mission: {reason}"))
+            rows.append(failed_row(number, run.values, f"a batch cannot fly this mission: {reason}"))
         else:
             alone.append(run)
     for runs in together.values():
-        tracks = None
-        with suppress(Exception):  # one of them broke the arithmetic of all: each for itself
-            tracks = fly_batch(runs)
-        if tracks is None:
+        results = None
+        with suppress(Exception):  # one run made the arithmetic of all fail: fly each alone
+            results = fly_batch(runs)
+        if results is None:
             alone += runs
         else:
-            rows += [row(run, track) for run, track in zip(runs, tracks, strict=True)]
+            rows += [row(run, result) for run, result in zip(runs, results, strict=True)]
     return rows, alone

@@ -1,5 +1,4 @@
-"""One flight of a campaign as `fly` flies it: the pilot and the bundled vehicle in lockstep, MAVLink bytes between
-them."""
+"""One flight of a campaign in lockstep, as in `circnav fly`: pilot and emulated vehicle exchange MAVLink bytes."""
 
 from dataclasses import dataclass
 
@@ -15,17 +14,17 @@ from circnav_mav.runtime.runner import turn
 
 COMPLETED = "completed"
 EXIT_TIME = 60.0
-"""Time, s, beyond the mission's own that a flight may take to wait, engage and give the vehicle back."""
+"""Time beyond the mission's duration and waits in which a flight has to end, s."""
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
-    """What a flight leaves behind, whichever engine flew it: the true path while the vehicle was ours, relative to the
-    target, and how it ended.
+class FlightResult:
+    """Result of a flight, from either engine: the true path under control, relative to the target, and the outcome.
 
-    start: east, north (m) of the target and heading (rad, clockwise from north) at time zero. engaged: s since then,
-    None if it never was. time: s since the engagement. outcome: "completed", or why not. turn_time, turn, turn_cut: of
-    every command its time (s since the engagement), turn rate (rad/s), and whether the limit cut it.
+    start: east, north (m) of the target and heading (rad, clockwise from north) at time zero. engaged: time of the
+    engagement, s; None if it never engaged. time: time since the engagement, s. outcome: "completed", or the reason of
+    another end. turn_time, turn, turn_cut: of every command the time since the engagement (s), the turn rate (rad/s),
+    and True if the limit cut it.
     """
 
     engine: str
@@ -41,7 +40,7 @@ class Track:
 
 
 class Flight:
-    """A flight under way. ticks: those that commanded a turn."""
+    """A running flight. ticks: the ticks that commanded a turn."""
 
     def __init__(self, run: Run) -> None:
         self.pilot, self.vehicle = Pilot(run.mission.pilot_settings()), Vehicle(run.vehicle)
@@ -55,13 +54,13 @@ class Flight:
         return self._clock.now()
 
     def step(self, until: float) -> None:
-        """On to the next thing that happens, `until` at the latest."""
+        """Advance to the next action of the pilot, at most to `until`."""
         self._clock.advance(min(self.pilot.scheduler.due, until))
         turn(self.pilot, self._links, self._clock, self.now)
         self.ticks += (tick for tick in self.pilot.take_records() if tick.turn_rate is not None)
 
 
-def fly_lockstep(run: Run) -> Track:
+def fly_lockstep(run: Run) -> FlightResult:
     """Fly one run to its end."""
     flight = Flight(run)
     pilot, mission, timing = flight.pilot, flight.pilot.mission, flight.pilot.settings.timing
@@ -77,7 +76,7 @@ def fly_lockstep(run: Run) -> Track:
     outcome = COMPLETED if ended and ended.ending is Ending.COMPLETED else ended.reason if ended else "no end"
     turns = np.array([(tick.time, tick.turn_rate, tick.saturated) for tick in flight.ticks], float).reshape(-1, 3)
     path = np.array([(t.time, t.east - t.target_east, t.north - t.target_north) for t in truths]).reshape(-1, 3)
-    return Track(
+    return FlightResult(
         engine="lockstep",
         start=(start.east - start.target_east, start.north - start.target_north, start.heading),
         engaged=mission.engaged_at,

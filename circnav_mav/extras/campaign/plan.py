@@ -1,5 +1,7 @@
-"""A campaign file, which mission, how often and what varies, and what every run of it flies: its values and seed follow
-from the campaign's seed and its number alone. Whatever is wrong in a file becomes one line."""
+"""Campaign files (mission, number of runs, varied values) and their runs.
+
+The values and the seed of a run follow from the campaign's seed and the run's number. An error in a file is one line.
+"""
 
 import copy
 import tomllib
@@ -32,7 +34,7 @@ class Drawn:
 
 
 Spec = tuple[Any, ...] | Drawn
-"""The values of a grid, each in its turn; or a distribution."""
+"""The values of a grid, or a distribution."""
 DRAWS: dict[str, Callable[..., Any]] = {
     "uniform": lambda rng, low, high: float(rng.uniform(low, high)),
     "normal": lambda rng, mean, sigma: float(rng.normal(mean, sigma)),
@@ -40,12 +42,12 @@ DRAWS: dict[str, Callable[..., Any]] = {
     "choice": lambda rng, *values: values[rng.integers(len(values))],
 }
 MOST = 1e300
-"""Largest bound of a draw: sums of two such numbers are numbers still."""
+"""Largest bound of a draw: the sum of two such numbers is still finite."""
 FORMS = "a list, {uniform=[low, high]}, {log_uniform=[low, high]}, {normal=[mean, sigma]} or {choice=[...]}"
 
 
 def read_spec(value: Any) -> Spec:
-    """The spec of one key of [vary]. Raises ValueError that names the remedy of one that says nothing."""
+    """Return the spec of a key of [vary]. Raises ValueError with the remedy."""
     if isinstance(value, list):
         if not value:
             raise ValueError("is an empty list, name at least one value")
@@ -79,7 +81,7 @@ def _check_numbers(kind: str, numbers: list[Any]) -> None:
 def flat(
     table: Mapping[str, Any], before: str = "", whole: Callable[[Mapping[str, Any]], bool] = lambda table: False
 ) -> Iterator[tuple[str, Any]]:
-    """(dotted key, value) pairs of nested tables; `whole` tells which tables are values themselves."""
+    """Yield (dotted key, value) of nested tables. whole(table): True if the table itself is a value."""
     for key, value in table.items():
         if isinstance(value, Mapping) and value and not whole(value):
             yield from flat(value, f"{before}{key}.", whole)
@@ -88,14 +90,14 @@ def flat(
 
 
 START = {f"start.{name}": f"sim.start.random.{name}" for name in ("range_m", "bearing_deg", "heading_deg")}
-"""The start as seen from the target, which the vehicle file only knows as bounds to draw from."""
+"""Start relative to the target, which in a vehicle file exists only as bounds of random values."""
 LEAST_TRIED, MOST_TRIED = 32, 256
-"""Runs tried with a value before it is refused: with all the other values of the grid, or so many drawn of them."""
+"""Number of runs tried with a value before it is refused: all other grid values, within these bounds."""
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """A campaign file read. mission: the table of the mission file; mission_text, text: of the files as written."""
+    """Contents of a campaign file. mission: table of the mission file. mission_text, text: the files as written."""
 
     where: str
     mission: dict[str, Any]
@@ -113,13 +115,13 @@ class Campaign:
 
     @property
     def cells(self) -> int:
-        """Points of the grid."""
+        """Number of points of the grid."""
         return prod(len(values) for values in self.swept.values())
 
     def values(self, run: int) -> dict[str, Any]:
-        """What run number `run` sets, by key, the emulator's seed included.
+        """Return the values of run number `run` by key, with the emulator's seed.
 
-        Runs go round the grid again and again; all points of one round meet the same draws and the same noise.
+        Successive runs pass through the grid repeatedly. All points of a pass have the same draws and the same noise.
         """
         world, cell = divmod(run, self.cells)
         values: dict[str, Any] = {}
@@ -134,12 +136,11 @@ class Campaign:
 
 
 class CampaignError(Exception):
-    """A campaign that cannot be flown as written, or there, or kept in that folder; the message is one line with the
-    remedy."""
+    """Error in a campaign file, its execution or its folder; the message is one line with the remedy."""
 
 
 class CampaignFile(BaseModel):
-    """The whole file."""
+    """The campaign file."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
@@ -184,10 +185,10 @@ def load_campaign(path: str | Path, runs: int | None = None) -> Campaign:
 
 
 def _specs(vary: Mapping[str, Any], where: str) -> dict[str, Spec]:
-    """The specs by dotted key, whether the file wrote the key in quotes or as nested tables."""
+    """Return the specs by dotted key. The file may write keys in quotes or as nested tables."""
     specs: dict[str, Spec] = {}
 
-    def names_a_distribution(table: Mapping[str, Any]) -> bool:  # or nearly: what is misspelt is told as such
+    def names_a_distribution(table: Mapping[str, Any]) -> bool:  # or nearly: reported as misspelled
         return any(get_close_matches(name, DRAWS, n=1, cutoff=0.75) for name in table)
 
     for key, value in flat(vary, whole=names_a_distribution):
@@ -202,7 +203,7 @@ def _specs(vary: Mapping[str, Any], where: str) -> dict[str, Spec]:
 
 
 def _check_alone(key: str, others: Iterable[str], where: str) -> None:
-    """No other key sets what this one does, or a part of it. Raises CampaignError."""
+    """Check that no other key sets the same value or a part of it. Raises CampaignError."""
     sets = f"{START.get(key, key)}."
     for other in others:
         if other == key:
@@ -214,7 +215,7 @@ def _check_alone(key: str, others: Iterable[str], where: str) -> None:
 
 @dataclass(frozen=True)
 class Run:
-    """A run ready to be flown: its number, its values, its mission and its vehicle, both checked."""
+    """A run that is ready to fly: number, values, checked mission and checked vehicle."""
 
     number: int
     values: dict[str, Any]
@@ -223,7 +224,7 @@ class Run:
 
 
 def prepare(campaign: Campaign, number: int) -> Run:
-    """The mission of a run through the loaders that every mission passes. Raises MissionError, ConfigError."""
+    """Return a run, with its mission checked as any mission file. Raises MissionError, ConfigError."""
     values = campaign.values(number)
     table = copy.deepcopy(campaign.mission)
     where = f"{campaign.where}: vary"
@@ -238,8 +239,8 @@ def prepare(campaign: Campaign, number: int) -> Run:
     return Run(number, values, mission, parse_vehicle(mission.file.sim, f"{where}: sim"))
 
 
-def hopeless(campaign: Campaign) -> str | None:
-    """Why a listed value, or all that is drawn, can never be flown; None if each can, with some other values."""
+def unflyable_value(campaign: Campaign) -> str | None:
+    """Return the reason why a listed value, or every draw, cannot be flown with any other values; None if all can."""
     stride, points = 1, [(1, 1, 0)]
     for values in campaign.swept.values():
         points += [(stride, len(values), which) for which in range(len(values))]
@@ -248,8 +249,11 @@ def hopeless(campaign: Campaign) -> str | None:
 
 
 def _why_not(campaign: Campaign, stride: int, values: int, which: int) -> str | None:
-    """Why no run can be flown that has value number `which` of a key of so many; None if any of a few can, which lie
-    here and there in the grid and among the draws. stride: of the key in the numbers of the grid's points."""
+    """Return the reason why no run with value number `which` of a key can be flown; None if one of a sample can.
+
+    The sample is taken from the grid and the draws. stride: step of the key in the numbers of the grid points. values:
+    number of values of the key.
+    """
     first, others = None, campaign.cells // values
     rng = np.random.default_rng([campaign.seed, which])
     for world in range(min(max(others, LEAST_TRIED), MOST_TRIED)):

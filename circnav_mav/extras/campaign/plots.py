@@ -1,4 +1,4 @@
-"""Pictures of a campaign: the starts and what became of them, distributions, and the error against what was varied."""
+"""Pictures of a campaign: starts and kept flights, distributions, and the error against the varied values."""
 
 import json
 import re
@@ -25,7 +25,7 @@ BINS = 12
 def plot_campaign(
     folder: Path, rows: Rows, keys: Sequence[str], swept: Sequence[str], title: str
 ) -> tuple[list[Path], list[str]]:
-    """Draw what there is to see; returns the files, and a line for each that could not be drawn or written."""
+    """Draw the pictures. Return their files, and a line for each that could not be drawn or written."""
     done: list[Path] = []
     problems: list[str] = []
     with mpl.rc_context(STYLE):
@@ -33,16 +33,16 @@ def plot_campaign(
             try:
                 save(draw(), folder / name)
                 done.append(folder / name)
-            except Exception as error:  # what was flown is not lost for a picture
-                said = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
-                problems.append(f"{folder / name}: could not be drawn: {said}")
+            except Exception as error:  # a failed picture must not lose the results of the flights
+                reason = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
+                problems.append(f"{folder / name}: could not be drawn: {reason}")
     return done, problems
 
 
 def _pictures(
     rows: Rows, keys: Sequence[str], swept: Sequence[str], title: str
 ) -> Iterator[tuple[str, Callable[[], Figure]]]:
-    """File names and what draws them."""
+    """Yield file names and their drawing functions."""
     flown = [row for row in rows if row["rms_m"]]
     if len({row["start_range_m"] + row["start_bearing_deg"] + row["start_heading_deg"] for row in rows}) > 2:
         yield "starts.png", partial(_starts, [row for row in rows if row["start_range_m"]], title)
@@ -58,8 +58,7 @@ def _numbers(rows: Rows, key: str) -> Any:
 
 
 def _starts(rows: Rows, title: str) -> Figure:
-    """Where the flights began, seen from the target, and how they were turned to it; coloured by what share of the
-    flights from there was kept."""
+    """Draw starting positions relative to the target and starting headings, colored by the share of kept flights."""
     figure = Figure(figsize=(12, 5.5), layout="constrained")
     figure.suptitle(f"{title}: starts, and the share of flights kept")
     place, turned = figure.subplots(1, 2)
@@ -72,15 +71,14 @@ def _starts(rows: Rows, title: str) -> Figure:
     place.set(xlabel="east of the target, m", ylabel="north of the target, m")
     (away, off), style = _shares(kept, r, np.round((heading - bearing) % 360 - 180, 3))
     drawn = turned.scatter(off, away, **style)
-    off_line = "start heading off the line to the target, deg (0: straight at it, right positive)"
+    off_line = "start heading off the line to the target, deg (0: towards the target, right positive)"
     turned.set(xlim=(-180, 180), xticks=range(-180, 181, 60), xlabel=off_line, ylabel="start range, m")
     figure.colorbar(drawn, ax=turned, label="kept, %")
     return figure
 
 
 def _shares(kept: Any, *coordinates: Any) -> tuple[Any, dict[str, Any]]:
-    """The points that differ in these coordinates; and as a style, what share, %, of the flights from each was kept,
-    and the size of a dot among so many."""
+    """Return the distinct points, and the style of their dots: color by the share of kept flights (%), and size."""
     points, which = np.unique(np.stack(coordinates, axis=1), axis=0, return_inverse=True)
     share = 100 * np.bincount(which.ravel(), kept) / np.bincount(which.ravel())
     return points.T, {"c": share, "s": float(np.clip(8000 / len(share), 5, 40)), "cmap": "RdYlGn", "vmin": 0,
@@ -88,7 +86,7 @@ def _shares(kept: Any, *coordinates: Any) -> tuple[Any, dict[str, Any]]:
 
 
 def _distributions(rows: Rows, title: str) -> Figure:
-    """How large the errors were, how long settling took, how close the flights came."""
+    """Draw the distributions of error, settling time and closest approach."""
     figure = Figure(figsize=(12, 4), layout="constrained")
     found, rows = figures(rows), [row for row in rows if row["rms_m"]]
     others = (("not_engaged", "never engaged"), ("failed", "could not be flown"))
@@ -115,7 +113,7 @@ def _distributions(rows: Rows, title: str) -> Figure:
 
 
 def _label_decades(axis: Any, values: Any) -> None:
-    """Numbers on a logarithmic axis that do not run into one another, and are some within a single decade, too."""
+    """Label a logarithmic axis so that labels do not overlap and a single decade has several."""
     ratio = values.max() / values.min()
     subs = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8) if ratio < 5 else (1, 2, 3, 5) if ratio < 30 else (1,)
     axis.set_major_locator(LogLocator(subs=subs, numticks=12))
@@ -124,8 +122,10 @@ def _label_decades(axis: Any, values: Any) -> None:
 
 
 def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
-    """The error of the flights that engaged, and what share of all was kept, against one value; a line for each value
-    of another swept key."""
+    """Draw the error of the engaged flights and the share of kept flights against one value.
+
+    With exactly one other swept key, each of its values has its own line.
+    """
     figure = Figure(figsize=(8, 6.5), layout="constrained")
     figure.suptitle(f"{title}: error against {literal(key)}")
     error, share = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
@@ -140,12 +140,12 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
     labels = list(dict.fromkeys(lines))
     for number, label in enumerate(labels):
         mine = lines == label
-        colour = f"C{number}" if len(labels) > 1 else LINE
+        color = f"C{number}" if len(labels) > 1 else LINE
         spots, parts = _binned(x[mine], key in swept)
         known = [part[np.isfinite(part)] for part in (rms[mine][part] for part in parts)]
         middle, low, high = (np.array([percentile(one, q) for one in known], float) for q in (50, 5, 95))
         shift = 0.0 if numeric else 0.06 * (number - (len(labels) - 1) / 2)
-        style: dict[str, Any] = {"color": colour, "marker": "o", "ms": 4, "lw": 1.5 if numeric else 0}
+        style: dict[str, Any] = {"color": color, "marker": "o", "ms": 4, "lw": 1.5 if numeric else 0}
         error.errorbar(spots + shift, middle, [middle - low, high - middle], capsize=2, elinewidth=0.7,
                        label=literal(label) or "median, 5 to 95 %", **style)  # fmt: skip
         share.plot(spots + shift, [100 * kept[mine][part].mean() for part in parts], **style)
@@ -162,7 +162,7 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
 
 
 def _binned(x: Any, exact: bool) -> tuple[Any, list[Any]]:
-    """Where to draw, and which flights belong there: every value of a grid, or bins of equally many flights."""
+    """Return positions and the flights at each: every value of a grid, or bins of equally many flights."""
     if exact or len(np.unique(x)) <= BINS:
         spots = np.unique(x)
         return spots, [x == spot for spot in spots]
@@ -171,7 +171,7 @@ def _binned(x: Any, exact: bool) -> tuple[Any, list[Any]]:
 
 
 def _json_or_text(cell: str) -> Any:
-    """A varied value as it was: strings stand in the table without quotes."""
+    """Return a varied value from its cell. Strings have no quotes in the table."""
     try:
         return json.loads(cell)
     except ValueError:

@@ -1,4 +1,4 @@
-"""The folder of a campaign: the table, streamed row by row, and what it was flown with, so that it can be resumed."""
+"""The folder of a campaign: its table, written row by row, and its input files, so that it can be resumed."""
 
 import csv
 import errno
@@ -18,21 +18,23 @@ from circnav_mav.runtime.lock import lock
 
 TABLE = "runs.csv"
 MAX_TABLE = 10**10
-"""Most bytes of the table: ten million flights have fewer."""
+"""Largest size of the table, bytes: ten million flights need less."""
 DECIMALS = 5
-"""Of a length in m: what comes after hangs on how many flights a batch has, where numpy sums up in another order."""
+"""Decimals of a length in m. Further digits depend on the size of a batch, which changes numpy's order of summation."""
 TURN_DECIMALS = 4
-"""Of what is told of the turn command, for the same reason."""
+"""Decimals of the figures of the turn command, for the same reason."""
 SOURCE = "campaign.toml"
-"""The campaign file as it is flown; whoever flies it holds it locked."""
+"""Copy of the campaign file. The process that flies the campaign holds a lock on it."""
 
 
 class Store:
-    """The table of a campaign. What was written stays readable and can be resumed, whatever happens afterwards. One
-    process at a time has the folder; nothing in it that is not this campaign's is written over."""
+    """The table of a campaign. It stays readable and can be resumed after any interruption.
+
+    One process at a time uses the folder. Files of other campaigns are not overwritten.
+    """
 
     def __init__(self, folder: Path, campaign: Campaign, *, resume: bool = False) -> None:
-        """Make the folder, or open that of an earlier run of the same campaign. Raises CampaignError."""
+        """Create the folder, or open that of an earlier run of the same campaign. Raises CampaignError."""
         self.folder, self.done = folder, set[int]()
         self._columns, self._runs = columns(campaign), campaign.runs
         self._path = folder / TABLE
@@ -58,23 +60,22 @@ class Store:
             self._held = held.pop_all()
 
     def add(self, rows: Iterable[dict[str, Any]]) -> None:
-        """Append the rows that are not there yet, each of them at once. Raises CampaignError."""
+        """Append new rows, each in one write. Raises CampaignError."""
         for row in rows:
             if row["run"] in self.done:
                 continue
             line = _line([_cell(name, row.get(name)) for name in self._columns])
-            with _refusing(self._path, "written", "; what is there can be resumed"):
+            with _refusing(self._path, "written", "; the rows written so far can be resumed"):
                 if self._file.write(line) != len(line):
                     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             self.done.add(row["run"])
 
     def close(self) -> None:
-        """No more rows; the folder is free for others."""
+        """Close the table and release the folder."""
         self._held.close()
 
     def sort(self) -> None:
-        """Put the rows in the order of their runs, after the last of them: equal campaigns give equal files. Raises
-        CampaignError."""
+        """Sort the rows by run, after the last one: equal campaigns give equal files. Raises CampaignError."""
         with _refusing(self._path):
             header, *lines = read_bytes(self._path, MAX_TABLE).splitlines(keepends=True) or [b""]
             lines.sort(key=lambda line: int(line.partition(b",")[0]))
@@ -82,17 +83,19 @@ class Store:
                 fresh.write_bytes(header + b"".join(lines))
 
     def read(self) -> list[dict[str, str]]:
-        """The rows as text. Raises CampaignError."""
+        """Return the rows as text. Raises CampaignError."""
         with _refusing(self._path):
             return list(csv.DictReader(read_lines(self._path)))
 
     def _begun(self) -> bool:
-        """Whether a row was written there; a header alone is of a campaign that nobody flew."""
+        """True if the table has a row. A header alone is left by a campaign that was not flown."""
         return self._path.exists() and read_bytes(self._path, MAX_TABLE).count(b"\n") > 1
 
     def _refuse_foreign(self, sources: dict[str, str]) -> None:
-        """Nothing that a campaign writes over may be there but the beginnings of this very one. Raises CampaignError,
-        OSError."""
+        """Refuse a folder with files that would be overwritten, except incomplete files of this very campaign.
+
+        Raises CampaignError, OSError.
+        """
         whole = {name: text.encode() for name, text in sources.items()} | {TABLE: _line(self._columns)}
         if all(_bytes(self.folder / name) == text for name, text in whole.items()):
             return
@@ -104,7 +107,7 @@ class Store:
                 )
 
     def _reopen(self, sources: dict[str, str], resume: bool) -> None:
-        """Take up where it stopped; a last line that was torn is dropped. Raises CampaignError, OSError."""
+        """Continue an interrupted table. An incomplete last line is dropped. Raises CampaignError, OSError."""
         if not resume:
             raise CampaignError(f"{self.folder}: holds a campaign already: --resume it, or name another --out")
         for name, text in sources.items():
@@ -131,7 +134,7 @@ class Store:
             )
 
     def _whole(self, line: bytes) -> int | None:
-        """The number of the run that a line tells of; None for a line that nobody wrote like this."""
+        """Return the run number of a line, or None if the line is damaged."""
         try:
             ((run, *cells),) = csv.reader([line.decode()], strict=True)
             for name, cell in zip(self._columns[1:], cells, strict=True):
@@ -143,22 +146,22 @@ class Store:
 
 
 def _bytes(path: Path) -> bytes:
-    """Of a file; none where there is no file."""
+    """Return the contents of a file; empty if it does not exist."""
     return read_bytes(path, MAX_TABLE) if path.is_file() else b""
 
 
 @contextmanager
 def _lock(folder: Path) -> Iterator[None]:
-    """Keeps other processes out of the folder. Raises CampaignError, OSError."""
+    """Lock the folder against other processes. Raises CampaignError, OSError."""
     with (folder / SOURCE).open("ab") as file:
         if not lock(file):
-            raise CampaignError(f"{folder}: another process flies a campaign there: wait, or name another --out")
+            raise CampaignError(f"{folder}: another process is flying a campaign there: wait, or name another --out")
         yield
 
 
 @contextmanager
 def _refusing(path: Path, what: str = "read or written", remedy: str = "") -> Iterator[None]:
-    """What the disk refuses, in one line. Raises CampaignError."""
+    """Turn an error of the file system into one line. Raises CampaignError."""
     try:
         yield
     except OSError as error:
@@ -172,8 +175,7 @@ def _line(cells: Iterable[str]) -> bytes:
 
 
 def _cell(name: str, value: Any) -> str:
-    """Figures with six digits, lengths to the hundredth of a millimetre; what was varied so that it can be flown again
-    exactly."""
+    """Return a cell: figures with six digits, lengths to 0.01 mm, varied values exactly."""
     if value is None or isinstance(value, str):
         return " ".join(value.splitlines()) if value else ""
     if isinstance(value, float) and name in FIGURES:

@@ -1,4 +1,4 @@
-"""A run folder as one MCAP file, for Foxglove and PlotJuggler."""
+"""Export of a run folder as one MCAP file, for Foxglove and PlotJuggler."""
 
 from circnav_mav.extension import Extension
 

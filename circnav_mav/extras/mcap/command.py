@@ -1,4 +1,4 @@
-"""`circnav export`."""
+"""The command `circnav export`."""
 
 from pathlib import Path
 
@@ -11,15 +11,15 @@ MAGIC = b"\x89MCAP0\r\n"
 
 
 def export_run(folder: str, mcap: str | None) -> int:
-    """Write the MCAP file, by default in the folder, and say what is in it. Raises Refused."""
+    """Write the MCAP file, by default into the folder, and print its topics. Raises Refused."""
     if mcap is None:
-        raise Refused("export: say what to write: --mcap")
+        raise Refused("export: name the output: --mcap")
     path = Path(mcap) if mcap else Path(folder) / "flight.mcap"
     with refusing(path, RunError):
         _check_place(path)
         run = open_run(Path(folder))
         if not len(run.ticks.time):
-            raise Refused(f"{folder}: an empty run, nothing was recorded", Exit.NOTHING_HEARD)
+            raise Refused(f"{folder}: an empty run without records", Exit.NOTHING_HEARD)
         try:
             from circnav_mav.extras.mcap.export import export_mcap
 
@@ -33,11 +33,11 @@ def export_run(folder: str, mcap: str | None) -> int:
 
 
 def _check_place(path: Path) -> None:
-    """Only an earlier export is written over. Raises Refused, OSError."""
+    """Refuse to overwrite anything except an earlier export. Raises Refused, OSError."""
     if path.is_file():
         with open_file(path) as file:
             begin = file.read(len(MAGIC))
         if begin not in (MAGIC, b""):
-            raise Refused(f"--mcap {path}: is there and no MCAP file, name another")
+            raise Refused(f"--mcap {path}: exists and is not an MCAP file: name another")
     elif path.exists():
-        raise Refused(f"--mcap {path}: is there and no file, name another")
+        raise Refused(f"--mcap {path}: exists and is not a file: name another")

@@ -1,4 +1,4 @@
-"""The command `circnav export`, described; `command` carries it out."""
+"""Options and help of `circnav export`. The module `command` runs it."""
 
 import click
 
@@ -7,7 +7,9 @@ from circnav_mav.cli.describe import command
 
 @command("circnav_mav.extras.mcap.command:export_run", short_help="Convert a run for Foxglove or PlotJuggler.")
 @click.argument("folder", type=click.Path(), metavar="RUN")
-@click.option("--mcap", "mcap", is_flag=False, flag_value="", metavar="[FILE]", help="MCAP. [default: RUN/flight.mcap]")
+@click.option(
+    "--mcap", "mcap", is_flag=False, flag_value="", metavar="[FILE]", help="Write MCAP. [default: RUN/flight.mcap]"
+)
 def export() -> None:
     """Convert RUN, a run folder, for Foxglove or PlotJuggler. The file holds ticks, truth and events.
 

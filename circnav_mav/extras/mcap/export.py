@@ -1,8 +1,8 @@
-"""A run as one MCAP file for Foxglove and PlotJuggler: our ticks and truth as JSON, and Foxglove's own messages (poses,
-scene, log and fixes for its 3D, log and map panels).
+"""Export of a run as one MCAP file for Foxglove and PlotJuggler.
 
-Needs the extra [mcap]. Times are the wall clock's of the flight. A value that is not known is left out of its message.
-Frame "beacon": x east, y north, z up, m, from the beacon, and moving with it.
+It contains ticks and truth as JSON, and Foxglove's own messages (poses, scene, log and fixes for its 3D, log and map
+panels). It needs the extra [mcap]. Times are wall-clock times of the flight. Unknown values are left out of messages.
+Frame "beacon": x east, y north, z up, m; its origin is the beacon and moves with it.
 """
 
 import json
@@ -43,7 +43,7 @@ TRUTH_COLUMNS = ("time", "north", "east", "target_north", "target_east", "radius
 
 
 class Surveyed(BaseModel):
-    """The surveyed place of the target in summary.json, as far as it is drawn."""
+    """The surveyed place of the target in summary.json: the values that are drawn."""
 
     latitude_deg: Annotated[float, Field(ge=-90, le=90)]
     longitude_deg: Annotated[float, Field(ge=-180, le=180)]
@@ -53,7 +53,7 @@ class Surveyed(BaseModel):
 
 
 def export_mcap(run: Run, path: Path) -> dict[str, int]:
-    """Write the file, whole or not at all; returns the messages per topic. Raises RunError, OSError."""
+    """Write the complete file or none. Return the number of messages per topic. Raises RunError, OSError."""
     tables = {("/ticks", "circnav.Tick"): run.ticks}
     if run.truth is not None:
         columns = {name: getattr(run.truth, name) for name in TRUTH_COLUMNS}
@@ -91,7 +91,7 @@ def export_mcap(run: Run, path: Path) -> dict[str, int]:
 
 
 def _tick_rows(table: Ticks) -> Iterator[dict[str, Any]]:
-    """What is known at each time."""
+    """Yield the known values at each time."""
     names = [*table.numbers, *table.words]
     columns = [*(column.tolist() for column in table.numbers.values()), *table.words.values()]
     for values in zip(*columns, strict=True):
@@ -101,21 +101,21 @@ def _tick_rows(table: Ticks) -> Iterator[dict[str, Any]]:
 MAP, BEACON = "map", "beacon"
 POSITION = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 PIECE = 1.0
-"""Time, s, of a piece of the drawn track, and between two rings of the range."""
+"""Length of a piece of the drawn track, and interval of the range rings, s."""
 CORNERS = 90
-BLUE, GREEN, GREY, ORANGE = (0.0, 0.45, 0.7, 1.0), (0.0, 0.62, 0.45, 1.0), (0.6, 0.6, 0.6, 0.6), (0.84, 0.37, 0.0, 1.0)
-"""Of Okabe and Ito's palette, which colour-blind people tell apart."""
-Said = tuple[str, float, Any]
+BLUE, GREEN, GRAY, ORANGE = (0.0, 0.45, 0.7, 1.0), (0.0, 0.62, 0.45, 1.0), (0.6, 0.6, 0.6, 0.6), (0.84, 0.37, 0.0, 1.0)
+"""From Okabe and Ito's palette for color-blind readers."""
+Entry = tuple[str, float, Any]
 """Topic, run time (s), message."""
 
 
 def _ns(run: Run, time: float) -> int:
-    """A run time as nanoseconds since 1970."""
+    """Return a run time as nanoseconds since 1970."""
     return run.epoch_us * 1000 + round(time * 1e6) * 1000
 
 
-def foxglove_messages(run: Run) -> Iterator[Said]:
-    """Everything, topic by topic, without stamps. Raises RunError, OSError."""
+def foxglove_messages(run: Run) -> Iterator[Entry]:
+    """Yield all messages, topic by topic, without timestamps. Raises RunError, OSError."""
     ticks, truth, numbers = run.ticks, run.truth, run.ticks.numbers
     height = np.nan_to_num(numbers["height"])
     times, places = ticks.time, np.column_stack([numbers["x"], numbers["y"], height])
@@ -134,7 +134,7 @@ def foxglove_messages(run: Run) -> Iterator[Said]:
     yield from _target(run)
 
 
-def _poses(topic: str, times: Column, places: Column, headings: Column) -> Iterator[Said]:
+def _poses(topic: str, times: Column, places: Column, headings: Column) -> Iterator[Entry]:
     for time, place, heading in zip(times.tolist(), places.tolist(), headings.tolist(), strict=True):
         if isfinite(sum(place)) and isfinite(heading):
             turn = course_from_yaw(heading)
@@ -142,8 +142,8 @@ def _poses(topic: str, times: Column, places: Column, headings: Column) -> Itera
             yield topic, time, PoseInFrame(frame_id=BEACON, pose=pose)
 
 
-def _transforms(run: Run) -> Iterator[Said]:
-    """Where the beacon is: at the origin of the map, or where the truth tells, once a piece."""
+def _transforms(run: Run) -> Iterator[Entry]:
+    """Yield the beacon's place: the origin of the map, or its true place once per piece."""
     truth = run.truth
     rows = [(float(run.ticks.time[0]), [0.0, 0.0, 0.0])]
     if truth is not None:
@@ -157,8 +157,8 @@ def _transforms(run: Run) -> Iterator[Said]:
         )  # fmt: skip
 
 
-def _scene(run: Run, times: Column, places: Column) -> Iterator[Said]:
-    """Beacon and desired circle once; then, piece by piece, the track so far and the range as a ring."""
+def _scene(run: Run, times: Column, places: Column) -> Iterator[Entry]:
+    """Yield beacon and desired circle once, then piece by piece the track and the range as a ring."""
     ticks, begins = run.ticks, float(run.ticks.time[0])
     height = np.nan_to_num(ticks.numbers["height"])
     entities = [
@@ -177,12 +177,12 @@ def _scene(run: Run, times: Column, places: Column) -> Iterator[Said]:
             yield _update(float(times[last]), [SceneEntity(id=f"track {number}", lines=[_line(piece, BLUE)])])
     for tick in _every_piece(ticks.time):
         if isfinite(r := float(ticks.numbers["r"][tick])):
-            ring = SceneEntity(id="estimated range", lines=[_ring(r, float(height[tick]), GREY)])
+            ring = SceneEntity(id="estimated range", lines=[_ring(r, float(height[tick]), GRAY)])
             yield _update(float(ticks.time[tick]), [ring])
 
 
 def _desired_radii(run: Run) -> list[float]:
-    """As the mission has them; a run that did not live to write its summary has some, too."""
+    """Return the radii of the mission, which also a run without a summary has."""
     try:
         given = tomllib.loads(run.mission_text)["orbit"]["radius_m"]
         return [float(radius) for radius in (given if isinstance(given, list) else [given])]
@@ -190,8 +190,8 @@ def _desired_radii(run: Run) -> list[float]:
         return []
 
 
-def _fixes(run: Run) -> Iterator[Said]:
-    """The vehicle's position where it reports one (GLOBAL_POSITION_INT), for the map; it never steers."""
+def _fixes(run: Run) -> Iterator[Entry]:
+    """Yield the positions that the vehicle reports (GLOBAL_POSITION_INT), for the map. They never steer."""
     system = (run.manifest.get("autopilot") or {}).get("system") or None
     for stamp, message in read_messages(run.folder / "flight.tlog", {POSITION}):
         if system in (None, message.get_srcSystem()) and (message.lat or message.lon):
@@ -202,8 +202,8 @@ def _fixes(run: Run) -> Iterator[Said]:
             )  # fmt: skip
 
 
-def _target(run: Run) -> Iterator[Said]:
-    """The surveyed place of the target, as the summary has it."""
+def _target(run: Run) -> Iterator[Entry]:
+    """Yield the surveyed place of the target from the summary."""
     try:
         place = Surveyed.model_validate(run.summary.get("place"))
     except ValidationError:
@@ -217,11 +217,11 @@ def _target(run: Run) -> Iterator[Said]:
 
 
 def _every_piece(times: Column) -> list[int]:
-    """The index of the first of each piece."""
+    """Return the index of the first time of each piece."""
     return [int(at) for at in np.unique(np.floor(times / PIECE), return_index=True)[1]]
 
 
-def _update(time: float, entities: Sequence[SceneEntity]) -> Said:
+def _update(time: float, entities: Sequence[SceneEntity]) -> Entry:
     for entity in entities:
         entity.frame_id = BEACON
     return "/scene", time, SceneUpdate(entities=entities)
@@ -233,7 +233,7 @@ def _ring(radius: float, height: float, color: Sequence[float]) -> LinePrimitive
 
 
 def _line(places: Sequence[Sequence[float]], color: Sequence[float]) -> LinePrimitive:
-    """A line of 2 pixels through places."""
+    """Return a line of 2 pixels through places."""
     return LinePrimitive(
         type=LinePrimitive.LINE_STRIP, pose=_here(), thickness=2.0, scale_invariant=True,
         points=[Point3(**_xyz(place)) for place in places], color=_color(color),

@@ -1,4 +1,4 @@
-"""The founding paper's three examples, flown and drawn."""
+"""The three examples of the founding paper, flown and drawn."""
 
 from circnav_mav.extension import Extension
 

@@ -1,4 +1,4 @@
-"""`circnav paper`: flies the examples, draws and prints them."""
+"""The command `circnav paper`."""
 
 from pathlib import Path
 
@@ -8,11 +8,11 @@ from circnav_mav.extras.paper.paper import random_starts
 from circnav_mav.runlog.atomic_write import write_text
 
 SHOWN = 2
-"""The start that the paper's figures show, where there are as many."""
+"""Index of the start shown in the figures, at most the last one."""
 
 
 def reproduce_paper(out: str, starts: int, seed: int) -> int:
-    """Fly the examples, draw, print. Raises Refused."""
+    """Fly the examples, draw the figures and print the table. Raises Refused."""
     folder, found = Path(out), []
     with refusing(folder):
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,5 +1,6 @@
-"""The paper's three examples, flown from many starts in its own world (vehicles that turn exactly as the law says, no
-noise, no lag, no MAVLink), and what it proves checked along every track.
+"""The paper's three examples, flown from many starts in its ideal world, with its proven properties checked.
+
+In this world the vehicle turns exactly as the law commands, without noise, lag or MAVLink.
 
 Arrays over steps and starts; SI, radians, the paper's frame (x right, y up, angles counter-clockwise).
 """
@@ -22,30 +23,30 @@ from circnav_mav.report.plots import STYLE, save
 
 V, TARGET, R_D = 1.0, (0.0, -10.0), 10.0
 TOLERANCE = 0.05
-"""Settled: within this fraction of r_d of the predicted radius."""
+"""Settled: within this fraction of r_d round the predicted radius."""
 SECONDS = 200.0
 MIRRORED = 40
 SLACK = 1e-3
-"""Of r_d: how far the switching law's chatter (V step) may dip below the circle without having entered it."""
+"""Depth inside the circle that does not count as entering, over r_d. The switching law chatters by V step."""
 STEP = 0.02
 
 
 @dataclass(frozen=True, slots=True)
 class Starts:
-    """x, y, heading of each start."""
+    """Position and heading of each start."""
 
     x: Batch
     y: Batch
     heading: Batch
 
     def mirrored(self, count: int) -> "Starts":
-        """The first ones, reflected in the upright line through the target."""
+        """Return the first `count` starts, reflected in the vertical line through the target."""
         return Starts(2 * TARGET[0] - self.x[:count], self.y[:count], np.pi - self.heading[:count])
 
 
 @dataclass(frozen=True, slots=True)
 class Tracks:
-    """time: of each step. x, y, r, theta_b: (steps, starts); theta_b in [0, 2 pi)."""
+    """Recorded flights. time (steps,); x, y, r, theta_b (steps, starts); theta_b in [0, 2 pi)."""
 
     time: Batch
     x: Batch
@@ -55,14 +56,16 @@ class Tracks:
 
 
 def random_starts(count: int, seed: int) -> Starts:
-    """The paper's: uniform in [0, 10] x [0, 10] x [0, 2 pi)."""
+    """Return random starts as in the paper: uniform in [0, 10] x [0, 10] x [0, 2 pi)."""
     x, y, heading = np.random.default_rng(seed).uniform(size=(3, count))
     return Starts(10 * x, 10 * y, 2 * np.pi * heading)
 
 
 def fly(starts: Starts, law: Callable[[Batch, Batch], Any], seconds: float) -> Tracks:
-    """Fly all starts. law: range and range rate to turn rate. Each step is an exact arc at the law's turn rate in its
-    middle (second order)."""
+    """Fly all starts. law(range, range rate): turn rate.
+
+    Each step is an exact arc with the law's turn rate at its midpoint (second order).
+    """
     steps = round(seconds / STEP)
     tracks = Tracks(np.linspace(0, steps * STEP, steps + 1), *(np.empty((steps + 1, len(starts.x))) for _ in range(4)))
     x, y, heading = starts.x, starts.y, starts.heading
@@ -76,21 +79,21 @@ def fly(starts: Starts, law: Callable[[Batch, Batch], Any], seconds: float) -> T
 
 
 def polar(x: Batch, y: Batch, heading: Batch) -> tuple[Batch, Batch]:
-    """Range, and bearing angle theta_b from the line of sight to the heading, counter-clockwise."""
+    """Return range and theta_b, the angle from the line of sight to the heading, counter-clockwise."""
     to_x, to_y = TARGET[0] - x, TARGET[1] - y
     return np.hypot(to_x, to_y), np.mod(heading - np.arctan2(to_y, to_x), 2 * np.pi)
 
 
 def arc(x: Batch, y: Batch, heading: Batch, V: float, omega: Batch, step: float) -> tuple[Batch, Batch, Batch]:
-    """Where a turn at constant rate leads."""
+    """Return position and heading after a turn at constant rate."""
     east, north = chord(V, heading, omega * step, step)
     return x + east, y + north, heading + omega * step
 
 
 def lyapunov(r: Batch, theta_b: Batch, *, r_d: float, r_a: float, k: float) -> Batch:
-    """The paper's function for law 1: 1 - sin(theta_b) + integral from r_a to r of (-1/z + 2 k z cos asin(r_d/z)) dz.
+    """Return the paper's Lyapunov function of law 1, for r >= r_d, with the integral in closed form.
 
-    The integral in closed form; r >= r_d.
+    It is 1 - sin(theta_b) + integral from r_a to r of (-1/z + 2 k z cos asin(r_d/z)) dz.
     """
 
     def integral(z: Batch) -> Batch:
@@ -102,7 +105,7 @@ def lyapunov(r: Batch, theta_b: Batch, *, r_d: float, r_a: float, k: float) -> B
 
 @dataclass(frozen=True, slots=True)
 class Example:
-    """One of the paper's: law by its mission name, gain, and the radius that the law is fed."""
+    """One example of the paper. law: name in mission files. k: gain. fed: radius given to the law."""
 
     number: int
     law: str
@@ -111,11 +114,11 @@ class Example:
 
     @property
     def predicted(self) -> float:
-        """The radius that the theory says is reached."""
+        """Radius that is reached according to theory."""
         return LAWS[self.law].reached_radius(V, self.fed, self.k)
 
     def fly(self, starts: Starts, seconds: float, sign: int = 1) -> Tracks:
-        """All starts under this law, or under its mirror image (sign -1)."""
+        """Fly all starts with this law, or with its mirror image (sign -1)."""
         return fly(starts, partial(LAWS[self.law].function, V=V, r_d=self.fed, k=sign * self.k), seconds)
 
 
@@ -128,9 +131,11 @@ EXAMPLES = (
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """What the starts of one example showed. settling: s, one per start, to the band round the predicted radius (inf:
-    never). rise: largest rise of the Lyapunov function in a step, None where the paper gives none. mirror: largest
-    distance of a mirrored track, m."""
+    """Results of an example.
+
+    settling: time to the band round the predicted radius for each start, s (inf: never). rise: largest rise of the
+    Lyapunov function in a step; None if the paper gives no function. mirror: largest distance of a mirrored track, m.
+    """
 
     example: Example
     starts: int
@@ -145,7 +150,7 @@ class Findings:
 
 
 def study(example: Example, starts: Starts, seconds: float = SECONDS) -> tuple[Findings, Tracks]:
-    """Fly one example from all starts and look at every track."""
+    """Fly one example from all starts and evaluate every track."""
     tracks = example.fly(starts, seconds)
     last = tracks.r[-len(tracks.time) // 5 :].mean(axis=0)
     mirror = example.fly(starts.mirrored(MIRRORED), seconds, sign=-1)
@@ -166,20 +171,22 @@ def study(example: Example, starts: Starts, seconds: float = SECONDS) -> tuple[F
 
 
 def turning(tracks: Tracks) -> Batch:
-    """Angle swept round the target over the last tenth, by the positions alone; counter-clockwise positive."""
+    """Return the angle swept round the target over the last tenth, counter-clockwise positive."""
     tail = slice(-len(tracks.time) // 10, None)
     return np.asarray(metrics.swept(np.arctan2(tracks.y[tail] - TARGET[1], tracks.x[tail] - TARGET[0])))
 
 
 def entries(r: Batch, r_d: float) -> Batch:
-    """How often each track enters the circle from outside (lemma: at most once); a stay at its start counts as one."""
+    """Return how often each track enters the circle (lemma: at most once). A start inside counts as one."""
     inside = r < r_d * (1 - SLACK)
     return np.asarray(inside[0] + (inside[1:] & ~inside[:-1]).sum(axis=0))
 
 
 def lyapunov_rise(example: Example, tracks: Tracks) -> float | None:
-    """Largest rise of the function between two steps with r >= r_d and theta_b in [0, pi]; None where the paper gives
-    none."""
+    """Return the largest rise of the function between two steps with r >= r_d and theta_b in [0, pi].
+
+    None if the paper gives no function.
+    """
     if example.law != "smooth":
         return None
     holds = (tracks.r >= example.fed) & (tracks.theta_b <= np.pi)
@@ -190,7 +197,7 @@ def lyapunov_rise(example: Example, tracks: Tracks) -> float | None:
 
 
 def draw(folder: Path, example: Example, tracks: Tracks, start: int) -> list[Path]:
-    """The two figures of an example in the paper's form. Raises OSError."""
+    """Draw the two figures of an example in the paper's form. Raises OSError."""
     paths = [folder / f"example_{example.number}_{kind}.png" for kind in ("track", "error")]
     with mpl.rc_context(STYLE | {"font.size": 11}):
         figure = Figure(figsize=(6, 6), layout="constrained")
@@ -215,14 +222,14 @@ def draw(folder: Path, example: Example, tracks: Tracks, start: int) -> list[Pat
 
 
 def table(found: list[Findings]) -> str:
-    """What was predicted and what was found, in Markdown."""
+    """Return predictions and results as a Markdown table."""
     columns = [f"example {one.example.number}" for one in found]
     rows = [
         ("law, k, radius fed", [f"{f.example.law}, {f.example.k:g}, {f.example.fed:.5f} m" for f in found]),
         ("starts", [str(f.starts) for f in found]),
         ("predicted radius", [f"{f.example.predicted:.5f} m" for f in found]),
         ("reached radius, least to most", [f"{f.reached[0]:.5f} to {f.reached[1]:.5f} m" for f in found]),
-        ("settled: predicted +-5 % of r_d", [f"{np.isfinite(f.settling).sum()} of {f.starts}" for f in found]),
+        ("settled: predicted radius ±5 % of r_d", [f"{np.isfinite(f.settling).sum()} of {f.starts}" for f in found]),
         ("settling, median / 95 % / worst", [_settling(f.settling) for f in found]),
         ("clockwise", [f"{f.clockwise} of {f.starts}" for f in found]),
         ("enters the circle at most", [f"{f.most_entries} time{'' if f.most_entries == 1 else 's'}" for f in found]),

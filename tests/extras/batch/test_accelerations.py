@@ -18,13 +18,14 @@ def in_gusts(imu: ImuNoise | None, told: tuple[str, ...]) -> tuple[dict[str, flo
     shakes, banks, lie = np.random.default_rng(3), [], np.repeat(told, 8)
 
     class Deceived(Auto):
-        def observe(self, seen, true):
-            if (felt := seen.felt) is not None:
-                biased = felt + 0.025 * np.array([np.cos(seen.psi), np.sin(seen.psi)])  # .5 m/s^2 in steps of .05 s
-                shaken = felt + shakes.normal(0, 0.15, felt.shape)  # 3 m/s^2
-                lies = [felt, 0 * felt + 0.02, felt[::-1], shaken, biased]
-                seen = replace(seen, felt=np.select([lie == one for one in LIES], lies))
-            super().observe(seen, true)
+        def observe(self, measured, true):
+            if (change := measured.velocity_change) is not None:
+                biased = change + 0.025 * np.array([np.cos(measured.psi), np.sin(measured.psi)])  # 0.5 m/s^2 in 0.05 s
+                shaken = change + shakes.normal(0, 0.15, change.shape)  # 3 m/s^2
+                lies = [change, 0 * change + 0.02, change[::-1], shaken, biased]
+                chosen = np.select([lie == one for one in LIES], lies)
+                measured = replace(measured, velocity_change=chosen)
+            super().observe(measured, true)
 
     def make(sense):
         guidance = policy("auto")(sense)

@@ -11,7 +11,7 @@ from circnav_sim.config import parse_vehicle
 from circnav_mav.cli.bundled import bundled
 from circnav_mav.extras.batch.guidance import Guidance
 from circnav_mav.extras.campaign.execute import on_cores
-from circnav_mav.extras.campaign.fly import chunks, fly_chunk, obstacle
+from circnav_mav.extras.campaign.fly import chunks, fly_chunk, lockstep_reason
 from circnav_mav.extras.campaign.plan import START, load_campaign, prepare
 from circnav_mav.extras.campaign.store import Store
 from circnav_mav.mission.load import load_mission
@@ -176,4 +176,4 @@ def test_a_mission_that_no_batch_flies_is_refused_where_a_batch_is_asked_for(cir
 
 def test_the_campaign_that_ships_is_flown_in_batches():
     campaign = load_campaign(CONFIG / "campaigns" / "wind.toml")
-    assert [obstacle(prepare(campaign, number)) for number in range(campaign.cells)] == [None] * campaign.cells
+    assert [lockstep_reason(prepare(campaign, number)) for number in range(campaign.cells)] == [None] * campaign.cells

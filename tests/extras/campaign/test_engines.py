@@ -7,7 +7,7 @@ from circnav_sim.world import Air, target_at
 
 from circnav_mav.extras.campaign.figures import row
 from circnav_mav.extras.campaign.flights import emulated_radio, emulated_world, fly_batch
-from circnav_mav.extras.campaign.fly import obstacle
+from circnav_mav.extras.campaign.fly import lockstep_reason
 from circnav_mav.extras.campaign.lockstep import fly_lockstep
 from circnav_mav.extras.campaign.plan import load_campaign, prepare
 
@@ -29,7 +29,7 @@ CELLS = {
 def both(path, runs):
     """The rows of the runs from either engine."""
     prepared = [prepare(load_campaign(path), n) for n in range(runs)]
-    assert [obstacle(run) for run in prepared] == [None] * runs
+    assert [lockstep_reason(run) for run in prepared] == [None] * runs
     batch = [row(run, track) for run, track in zip(prepared, fly_batch(prepared), strict=True)]
     return batch, [row(run, fly_lockstep(run)) for run in prepared]
 
@@ -70,12 +70,12 @@ def test_batch_and_lockstep_end_in_the_same_way(write, vary, says):
         ('"sim.ranging.latency_s" = [0.1]', "latency"),
         ('"bounds.max_range_m" = [400.0]', "bounds"),
         ('"guidance.radius_trim_per_s" = [0.05]', "trim"),
-        ('"sim.ranging.noise_m" = [1.0]', "scatter"),
-        ('"sim.ranging.outlier_fraction" = [0.15]', "outliers for noise"),
+        ('"sim.ranging.noise_m" = [1.0]', "range noise is larger"),
+        ('"sim.ranging.outlier_fraction" = [0.15]', "outliers as noise"),
     ],
 )
 def test_what_a_batch_cannot_fly_has_a_reason(write, vary, reason):
-    assert reason in obstacle(prepare(load_campaign(write(vary)), 0))
+    assert reason in lockstep_reason(prepare(load_campaign(write(vary)), 0))
 
 
 def test_a_range_that_never_comes_engages_nothing_and_flies_alone(write):

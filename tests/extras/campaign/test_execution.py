@@ -46,7 +46,7 @@ def test_a_signal_keeps_what_was_flown_and_says_how_to_go_on(begun, tmp_path, se
     send(begun.pid, number)
     said, complaint = begun.communicate(timeout=PATIENCE)
     assert begun.returncode == 130, complaint
-    assert f"go on with --out {tmp_path / 'out'} --resume" in said
+    assert f"continue with --out {tmp_path / 'out'} --resume" in said
     assert "Traceback" not in complaint
     Store(tmp_path / "out", load_campaign(tmp_path / "campaign.toml"), resume=True).close()  # whole lines only
 
@@ -113,16 +113,16 @@ def distributed():
           for address in ("foo", "", "tcp://127.0.0.1:notaport", "/tmp/file", "tcp://127.0.0.1:99999", "tcp://:1",
                           "ucx://127.0.0.1:8786")),
         *((scheme + "://127.0.0.1:{}", True, f"{scheme} needs the certificates") for scheme in ("tls", "wss")),
-        *((scheme + "://127.0.0.1:{}", False, "nobody answers: Connection refused")
+        *((scheme + "://127.0.0.1:{}", False, "no answer: Connection refused")
           for scheme in ("tcp", "tls", "ws", "wss")),
-        ("tcp://127.0.0.1:{}", True, "nobody answers: timed out"),
+        ("tcp://127.0.0.1:{}", True, "no answer: timed out"),
     ],
 )  # fmt: skip
 def test_an_address_where_no_scheduler_can_be_is_refused_before_dask_is_asked(
     refusal, distributed, monkeypatch, address, listens, says
 ):
     monkeypatch.setattr(distributed, "Client", None)
-    monkeypatch.setattr(execute, "PATIENCE", 0.2)
+    monkeypatch.setattr(execute, "CONNECT_TIMEOUT", 0.2)
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         if listens:
@@ -138,8 +138,8 @@ def test_a_scheduler_that_dies_in_between_is_one_line_that_says_how_to_go_on(ref
     client.return_value.get_executor.return_value.submit.return_value = died
     client.return_value.__exit__.return_value = False
     monkeypatch.setattr(distributed, "Client", client)
-    monkeypatch.setattr(execute, "_check_listens", lambda address: None)
-    assert re.search("scheduler-connection-lost.*--resume flies what is missing", refusal("tcp://there:1"))
+    monkeypatch.setattr(execute, "_check_scheduler", lambda address: None)
+    assert re.search("scheduler-connection-lost.*--resume flies the missing runs", refusal("tcp://there:1"))
 
 
 def test_dask_that_is_not_installed_is_told_with_the_remedy(refusal, monkeypatch):

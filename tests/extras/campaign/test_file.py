@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from circnav_mav.extras.campaign.plan import CampaignError, hopeless, load_campaign
+from circnav_mav.extras.campaign.plan import CampaignError, load_campaign, unflyable_value
 from tests.extras.campaign.conftest import CONFIG
 
 SHIPPED = f'mission = "{CONFIG / "campaign_mission.toml"}"\nruns = 3\n[vary]\n'
@@ -78,7 +78,7 @@ def test_bounds_that_leave_no_number_to_draw_are_refused(write, kind, numbers):
 )
 def test_a_listed_value_that_can_never_be_flown_is_refused_before_the_first_flight(write, vary, says):
     path = write(vary)
-    reason = hopeless(load_campaign(path))
+    reason = unflyable_value(load_campaign(path))
     assert reason.startswith(f"{path}: ")
     assert says in reason
 
@@ -95,7 +95,7 @@ def test_a_listed_value_that_can_never_be_flown_is_refused_before_the_first_flig
     ids=["drawn radii below 0 are not the wind's fault", "one of the messages can be sent again, of 240 points"],
 )
 def test_a_listed_value_that_can_be_flown_with_some_of_the_others_is_no_mistake(write, vary):
-    assert hopeless(load_campaign(write(vary))) is None
+    assert unflyable_value(load_campaign(write(vary))) is None
 
 
 def test_a_mission_file_is_known_as_one():
@@ -108,7 +108,7 @@ def test_a_mission_file_is_known_as_one():
     [
         ("campaigns/wind.toml", "campaigns/wind.toml: no such file; the bundled one goes by its name: wind"),
         ("LONG", "LONG: File name too long"),
-        ("wind --resume", "--resume: name the folder to go on with: --out DIR"),
+        ("wind --resume", "--resume: name the folder of the campaign to continue: --out DIR"),
         ("wind --out=", "--out: is empty, give it a name"),
     ],
 )

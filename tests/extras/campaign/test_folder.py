@@ -122,7 +122,7 @@ def other(write, tmp_path):
 
 @pytest.mark.parametrize("resume", [False, True])
 def test_a_second_process_in_one_folder_is_refused(campaign, other, tmp_path, resume):
-    with pytest.raises(CampaignError, match="another process flies a campaign there: wait, or name another --out"):
+    with pytest.raises(CampaignError, match="another process is flying a campaign there: wait, or name another --out"):
         Store(tmp_path / "out", campaign, resume=resume)
 
 
@@ -161,7 +161,7 @@ def test_a_full_disk_is_one_line_and_what_is_there_can_be_resumed(campaign, tmp_
     store.add(rows[:3])
     real = store._file
     store._file = SimpleNamespace(write=lambda data: real.write(data[:10]))
-    with pytest.raises(CampaignError, match="No space left on device; what is there can be resumed"):
+    with pytest.raises(CampaignError, match="No space left on device; the rows written so far can be resumed"):
         store.add(rows[3:])
     store.close()
     again = Store(tmp_path / "out", campaign, resume=True)

@@ -6,8 +6,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from circnav_mav.extras.campaign.command import _say
-from circnav_mav.extras.campaign.figures import figures, median_interval, summarise, wilson
+from circnav_mav.extras.campaign.command import _print_figures
+from circnav_mav.extras.campaign.figures import figures, median_interval, summarize, wilson
 from circnav_mav.extras.campaign.plots import _against, _distributions, _starts, plot_campaign
 
 TURN = {
@@ -60,7 +60,7 @@ def test_intervals_of_flights_that_share_their_worlds_hold_the_truth_in_95_perce
 def test_one_value_of_the_only_swept_key_has_a_world_to_each_flight():
     rows = rows_of([True] * 40, np.arange(1.0, 41.0), 4)
     rows[0] |= {"right_way": "false", "kept": "false", "settled_s": "", "turn_limit_cycle": "true"}
-    summary = summarise([*rows, never_engaged(40, "0") | {"outcome": "error"}], {"k": (0, 1, 2, 3)})
+    summary = summarize([*rows, never_engaged(40, "0") | {"outcome": "error"}], {"k": (0, 1, 2, 3)})
     told = [summary["all"], *summary["by"]["k"].values()]
     assert [(one["flights"], one["worlds"]) for one in told] == [(41, 11), (11, 11), (10, 10), (10, 10), (10, 10)]
     assert [(one["kept"], one["wrong_way"], one["failed"]) for one in told[:3]] == [(39, 1, 1), (9, 1, 1), (10, 0, 0)]
@@ -111,9 +111,9 @@ def never_engaged(run, k):
 
 
 def test_a_percentile_of_the_flights_is_not_printed_as_if_it_were_the_confidence_interval(capsys):
-    _say("all flights", figures(rows_of([True] * 20, np.arange(1.0, 21.0))))
+    _print_figures("all flights", figures(rows_of([True] * 20, np.arange(1.0, 21.0))))
     printed = capsys.readouterr().out
-    assert "kept 20 of 20 (100.0 %, 83.9 .. 100.0)  RMS 11 m (5 .. 16), p95 20 m  settled 5 s, p95 5 s" in printed
+    assert "kept 20 of 20 (100.0 %, 83.9 to 100.0)  RMS 11 m (5 to 16), p95 20 m  settled 5 s, p95 5 s" in printed
     assert "  turn sd 1.0 deg/s, at the limit 25 %\n" in printed
 
 
@@ -122,7 +122,7 @@ def test_the_share_kept_on_the_picture_is_that_of_the_summary():
     rows = rows_of([True] * 4, [1.0, 2.0, 3.0, 4.0])
     rows += [never_engaged(run, "0") for run in range(4, 8)] + [never_engaged(run, "7") for run in range(8, 12)]
     error, share = _against(rows, "k", ["k"], "x").axes
-    shares = {value["kept_share"] for value in summarise(rows, {"k": ("0", "7")})["by"]["k"].values()}
+    shares = {value["kept_share"] for value in summarize(rows, {"k": ("0", "7")})["by"]["k"].values()}
     assert [100 * one for one in sorted(shares, reverse=True)] == list(share.lines[0].get_ydata()) == [50.0, 0.0]
     assert np.isnan(error.lines[0].get_ydata()[1])
 

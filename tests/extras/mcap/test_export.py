@@ -151,8 +151,8 @@ def test_an_export_is_written_over_nothing_that_is_no_export_and_one_that_fails_
 ):
     before = contents(run)
     line = circnav("export", run, "--mcap", run / "mission.toml").refused
-    assert line == f"--mcap {run / 'mission.toml'}: is there and no MCAP file, name another"
-    assert "is there and no file" in circnav("export", run, "--mcap", "/dev/null").refused
+    assert line == f"--mcap {run / 'mission.toml'}: exists and is not an MCAP file: name another"
+    assert "exists and is not a file" in circnav("export", run, "--mcap", "/dev/null").refused
     assert contents(run) == before
     for _ in range(2):
         assert circnav("export", run, "--mcap").done
@@ -168,7 +168,7 @@ def test_an_export_is_written_over_nothing_that_is_no_export_and_one_that_fails_
 
 def test_wrong_usage_and_what_is_no_run_are_one_line(circnav):
     assert circnav("export", "nowhere", "--mcap").refused.startswith("nowhere: no such run folder")
-    assert circnav("export", "nowhere").refused.startswith("export: say what to write: --mcap")
+    assert circnav("export", "nowhere").refused.startswith("export: name the output: --mcap")
 
 
 # --- runs that are damaged ---

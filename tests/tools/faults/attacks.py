@@ -14,7 +14,7 @@ from typing import Any
 
 from circnav_sim.faults import DOWN, UP, Impairment
 from circnav_sim.faults.frames import frames, write
-from circnav_sim.faults.intruders import speaking
+from circnav_sim.faults.intruders import periodic
 from circnav_sim.faults.link import Passage
 from pymavlink.dialects.v20 import all as mavlink
 
@@ -145,7 +145,7 @@ def by(say: Say, rate: float, *, until: float | None = None) -> Callable[[Course
             over = until is not None and course.now - began > until
             return [] if over else say(course, course.now, next(spoken))
 
-        course.strangers.append(speaking(rate, words))
+        course.strangers.append(periodic(rate, words))
 
     return arrange
 
@@ -162,7 +162,7 @@ def while_mode_is_unknown(say: Say) -> Callable[[Course, int], None]:
         report = mavlink.MAVLink_current_mode_message(0, *[course.pilot.session.adapter.guided_mode] * 2)
         frame = bytes(report.pack(mavlink.MAVLink(None, *VEHICLE)))
         course.link.intruders.append(
-            speaking(20.0, lambda n: [frame] if since + 2.2 <= course.now < since + 2.25 else [])
+            periodic(20.0, lambda n: [frame] if since + 2.2 <= course.now < since + 2.25 else [])
         )
         by(say, 10.0)(course, seed)
 
@@ -173,7 +173,7 @@ def forged_address(say: Say, rate: float) -> Callable[[Course, int], None]:
     """Somebody who forges the trusted address itself."""
 
     def arrange(course: Course, seed: int) -> None:
-        course.link.intruders.append(speaking(rate, lambda n: say(course, course.now, n)))
+        course.link.intruders.append(periodic(rate, lambda n: say(course, course.now, n)))
 
     return arrange
 
@@ -260,7 +260,7 @@ def second_circnav(*overrides: str) -> Callable[[Course, int], None]:
 def to_loiter(course: Course, seed: int) -> None:
     """Anybody may change the mode of a vehicle that has no key: an operator does no other."""
     mode = mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, OTHER_MODE[course.profile], 0, 0, 0, 0, 0)
-    course.link.intruders.append(speaking(1.0, lambda n: [write(mode, 255, 190, n & 255)], direction=UP))
+    course.link.intruders.append(periodic(1.0, lambda n: [write(mode, 255, 190, n & 255)], direction=UP))
 
 
 def no_raw_text(course: Course) -> str | None:

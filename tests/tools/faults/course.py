@@ -175,7 +175,7 @@ class Course:
         if self.signing is not None:
             self.signing.advance(self.wall + self.now)
         if self.vehicle_wall is not None:
-            self.vehicle.tell_time(self.vehicle_wall + self.now)
+            self.vehicle.set_time(self.vehicle_wall + self.now)
         self.vehicle.advance(self.now)
         self._give(self._arrivals())
         self._answer()

@@ -17,7 +17,7 @@ from circnav_sim.faults.intruders import tlog_frames
 
 from circnav_mav.cli.exits import Refused
 from circnav_mav.cli.replay import replay_log
-from circnav_mav.extras.campaign.figures import summarise
+from circnav_mav.extras.campaign.figures import summarize
 from circnav_mav.extras.campaign.fly import fly_chunk
 from circnav_mav.extras.campaign.plan import CampaignError, load_campaign
 from circnav_mav.extras.campaign.store import TABLE, Store
@@ -59,7 +59,7 @@ def read_campaign(folder: Path, table: bytes) -> None:
     (out / TABLE).write_bytes(table)
     store = Store(out, campaign, resume=True)
     store.sort()
-    summarise(store.read(), campaign.swept)
+    summarize(store.read(), campaign.swept)
     store.close()
 
 

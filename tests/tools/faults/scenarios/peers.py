@@ -9,7 +9,7 @@ from typing import Any
 from circnav_sim.config import Event
 from circnav_sim.faults import DOWN, UP, Impairment
 from circnav_sim.faults.frames import message_id, raw_frame, write
-from circnav_sim.faults.intruders import GCS, ground_station, speaking, strangers, twin, vehicle
+from circnav_sim.faults.intruders import GCS, ground_station, periodic, twin, unknown_senders, vehicle
 from circnav_sim.faults.link import Intruder, Passage, Tamper
 from pymavlink.dialects.v20 import all as mavlink
 
@@ -56,7 +56,9 @@ def stalled(seconds: float) -> Arrange:
 
 
 HOST = [
-    Scenario("F9", "400 strange frames/s", arrange=intrude(lambda seed: strangers(200.0, seed)), quick=True, lasts=40),
+    Scenario(
+        "F9", "400 strange frames/s", arrange=intrude(lambda seed: unknown_senders(200.0, seed)), quick=True, lasts=40
+    ),
     Scenario("F14", "our clock +1 s", arrange=our_clock(lambda now, since: now + 1.0), clocks=True, on=SLOW),
     Scenario("F14", "our clock +10 s", arrange=our_clock(lambda now, since: now + 10.0), clocks=True),
     Scenario(
@@ -71,7 +73,7 @@ HOST = [
 
 def reboot(gap: float) -> Scenario:
     def arrange(course: Course, seed: int) -> None:
-        course.vehicle._happen(Event(action="reboot", value=gap))
+        course.vehicle._run_event(Event(action="reboot", value=gap))
 
     def check(course: Course) -> str | None:
         start = course.steered_at[0] if course.steered_at else 0.0
@@ -171,7 +173,7 @@ def forged_acks(seed: int) -> Intruder:
     def words(n: int) -> list[bytes]:
         return [acknowledgement(SET_MODE, 2, OURS, by=GCS), acknowledgement(511, 2, (1, 77))]
 
-    return speaking(20.0, words)
+    return periodic(20.0, words)
 
 
 def joined(level: str, make: Callable[[int], Intruder], want: Want = Want.HOLD, **more: Any) -> Scenario:
@@ -182,7 +184,7 @@ def joined(level: str, make: Callable[[int], Intruder], want: Want = Want.HOLD, 
 def left_at_the_vehicles_ids(seed: int) -> Intruder:
     """A gimbal of ids 1/1 behind the vehicle's router: no autopilot, mode 0, not armed."""
     heartbeat = mavlink.MAVLink_heartbeat_message(26, 8, 0, 0, 4, 3)
-    return speaking(1.0, lambda n: [write(heartbeat, 1, 1, n & 255)])
+    return periodic(1.0, lambda n: [write(heartbeat, 1, 1, n & 255)])
 
 
 TWIN: dict[str, Any] = {"want": Want.END, "reason": "another companion", "lasts": 20}
@@ -208,7 +210,7 @@ def commands(level: str, arrange: Arrange, want: Want, reason: str = "", quick: 
 
 
 def foreign_acks(seed: int) -> Intruder:
-    return speaking(5.0, lambda n: [acknowledgement(SET_MODE, 4, (1, 77))])
+    return periodic(5.0, lambda n: [acknowledgement(SET_MODE, 4, (1, 77))])
 
 
 COMMANDS = [

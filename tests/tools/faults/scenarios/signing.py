@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from circnav_sim.faults import DOWN, UP, Impairment
-from circnav_sim.faults.intruders import speaking, vehicle
+from circnav_sim.faults.intruders import periodic, vehicle
 from circnav_sim.faults.link import Intruder
 from pymavlink.dialects.v20 import all as mavlink
 
@@ -31,7 +31,7 @@ def stamp(unix: float) -> int:
 
 
 def saying(engine: mavlink.MAVLink, message: mavlink.MAVLink_message, way: str, rate: float = 20.0) -> Intruder:
-    return speaking(rate, lambda n: [bytes(message.pack(engine))], direction=way)
+    return periodic(rate, lambda n: [bytes(message.pack(engine))], direction=way)
 
 
 def both_ways(key: bytes | None, timestamp: int = 0, **link: int) -> Arrange:
