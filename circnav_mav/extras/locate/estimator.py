@@ -314,10 +314,10 @@ class _Problem:
         )  # fmt: skip
 
     def _of_one_length(self, radio: Array, covariance: Array) -> tuple[Array, Array]:
-        """Return bias and scale, with their covariance, from their sum at the median range and the prior alone."""
+        """Return bias and scale, with their covariance, from their sum at the median length and the prior alone."""
         # On a circle round the target the lengths change by the wander of the GPS, which the ranges do not have. The
         # fit takes it for a slope: a scale of 1.07 with a free bias once came out as 0.80 +-0.06.
-        slope = np.array([1.0, float(np.median(self.ranges.r))])
+        slope = np.array([1.0, (float(np.median(self.ranges.r)) - radio[0]) / (1 + radio[1])])
         prior = np.diag([self.known.bias_sigma**2, self.known.scale_sigma**2])
         gain = prior @ slope / (slope @ prior @ slope + slope @ covariance @ slope)
         return gain * (slope @ radio), prior - np.outer(gain, slope @ prior)

@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
 from itertools import islice
-from math import hypot, isfinite
+from math import hypot, isfinite, pi
 
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
@@ -69,8 +69,10 @@ HEIGHT_SIGMA = 5.0
 """Standard deviation, m, of a height that the mission gives: a barometer's drift and an operator's guess."""
 HOME_SIGMA = 50.0
 """Of the height of a target of which nothing is said, above home, m."""
-RADIUS_OFF, RADIUS_SIGMAS = 0.02, 3.0
-"""Share of the radius, and standard deviations, by which the true radius must differ for an alarm."""
+RADIUS_OFF = 0.02
+"""Share of the radius by which the radius by the positions must differ for an alarm; no less than their error."""
+COMPARED_LAPS, MIN_COMPARED = 1.2, 20
+"""Newest laps, and least positions and ranges in them, by which both radii are compared."""
 FRESH_RANGE = 2.0
 """Age, s, up to which ranges tell where the vehicle is."""
 
@@ -267,17 +269,26 @@ class Locator:
 
     def _compare_radius(self, place: Place) -> None:
         """Compare the radius by the ranges with that by the positions. The radius flown stays that by the ranges."""
-        radius, height = self._pilot.controller.orbit.radius, self._pilot.tracker.height.at(place.time) or 0.0
-        slant = hypot(radius, height)
-        error, sigma = place.range_error(slant)
-        true = (slant - place.bias) / (1 + place.scale)
-        above = self._track[-1][3] - place.up if self._track else height
-        flown = max(true**2 - above**2, 0.0) ** 0.5
         before, self.radius_alarm = self.radius_alarm, ""
-        if abs(radius - flown) > RADIUS_OFF * radius and abs(error) > RADIUS_SIGMAS * sigma:
-            share = slant / max(hypot(flown, height), 1.0) - 1
-            which = "long" if share > 0 else "short"
-            self.radius_alarm = f"ranges {100 * abs(share):.0f} % {which}: true radius {flown:.1f} m"
+        orbit, height = self._pilot.controller.orbit, self._pilot.tracker.height.at(place.time) or 0.0
+        begin = self._track[-1][0] - COMPARED_LAPS * 2 * pi * orbit.radius / orbit.speed
+        newest = [(place.at(time), east, north) for time, east, north, _ in self._track if time >= begin]
+        ranges = [slant for time, slant, _ in self._ranges if time >= begin]
+        ways = np.array([(east - there.east, north - there.north) for there, east, north in newest])
+        # A whole lap round the place gives the radius by the positions alone. Neither the height nor the scale and bias
+        # of the radio enters, and an error of the place or of the GPS moves the circle and leaves its radius.
+        if (
+            len(ranges) < MIN_COMPARED
+            or len(ways) < MIN_COMPARED
+            or abs(np.ptp(np.unwrap(np.arctan2(*ways.T)))) < 2 * pi
+        ):
+            return
+        true = float(np.mean(np.hypot(*ways.T)))
+        measured, length = float(np.mean(ranges)), hypot(true, height)
+        off = max(measured**2 - height**2, 0.0) ** 0.5 - true
+        if abs(off) > max(RADIUS_OFF * orbit.radius, self._gps_sigma):
+            which = "long" if measured > length else "short"
+            self.radius_alarm = f"ranges {100 * abs(measured / length - 1):.0f} % {which}: true radius {true:.1f} m"
             if not before:
                 self._announcer.say(RADIUS.name, RADIUS.short.format(found=self.radius_alarm), severity=RADIUS.severity)
 

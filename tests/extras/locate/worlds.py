@@ -6,7 +6,9 @@ from circnav_mav.extras.locate.estimator import Knowledge, Ranges, Track
 from circnav_mav.extras.locate.place import Plane
 
 PLANE = Plane(47.3, 8.5)
-KNOWN = Knowledge(up=400.0)
+KNOWN = Knowledge(up=400.0, up_sigma=20.0)
+"""All tracks here are level, 40 m above the target. Only the prior rejects a target 40 m above them, at 480 m, which
+fits as well: 50 m (the default) would not."""
 V = 15.0
 
 
