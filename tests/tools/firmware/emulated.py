@@ -13,7 +13,7 @@ from statistics import median
 
 import numpy as np
 
-from tests.flight.lockstep import clockwise_turns, flight, rms_error
+from tests.flight.lockstep import clockwise_turns, flight, rms_error, true_radius
 from tests.tools.firmware.flight import VEHICLES
 from tests.tools.firmware.table import told
 
@@ -58,10 +58,13 @@ CIRCLES = {one.mission: (one.radius, one.speed) for one in VEHICLES.values()}
 
 @dataclass(frozen=True)
 class Flown:
-    """rms: m. turn_sd: deg/s. right: whether it went round as desired."""
+    """rms, worst: of the radius error, m. turn_sd: deg/s. at_limit: share of the commands that the limit cut. right:
+    True if the vehicle went round as desired."""
 
     rms: float
+    worst: float
     turn_sd: float
+    at_limit: float
     right: bool
 
 
@@ -76,7 +79,14 @@ def fly(row: str, seed: int, direction: str = "clockwise", count: int = 2) -> Fl
     truths = [truth for truth in flown.truths if truth.time > flown.now - laps]
     turns = [tick.turn_rate for tick in flown.ticks if tick.time > flown.now - laps and tick.turn_rate is not None]
     turned = clockwise_turns(truths) if direction == "clockwise" else -clockwise_turns(truths)
-    return Flown(rms_error(truths, radius), degrees(float(np.std(turns))), turned > count / 2)
+    limit = flown.pilot.settings.orbit.max_turn_rate
+    return Flown(
+        rms_error(truths, radius),
+        max(abs(true_radius(truth) - radius) for truth in truths),
+        degrees(float(np.std(turns))),
+        float(np.mean(np.abs(turns) > 0.99 * limit)),
+        turned > count / 2,
+    )
 
 
 def main() -> None:
