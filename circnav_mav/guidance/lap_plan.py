@@ -33,7 +33,9 @@ MOST_DRIFT = 0.9
 MOST_OFFSET = 0.2
 """Bound of e in units of the radius: beyond it the linear equation does not hold."""
 _SPACING = 2 * np.pi / ANGLES
+"""Angle between two points of a lap, rad."""
 _CIRCLE = np.zeros((ANGLES + 1, 2))
+"""The lap that is the circle."""
 
 
 class Lap(NamedTuple):

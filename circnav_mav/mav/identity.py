@@ -19,6 +19,7 @@ MOVES_AFTER = 1.5
 PROOF_LASTS = 2.0
 """Time, s, for which a proof of the vehicle's identity counts: two heartbeats of PX4."""
 MOST_MISFITS = 16
+"""Senders that do not fit and are kept for the message to the operator: bounds what a hostile link can fill."""
 RIVAL_KEPT = 5.0
 """Time, s, for which a second sender counts as there: longer than the pauses between the heartbeats of a lossy link."""
 STRANGERS_RATE, STRANGERS_BURST = 64_000.0, 32_000.0

@@ -16,6 +16,7 @@ SLACK = 1 + 1e-6
 MOST_DAMPED = 1.25
 """Acceleration to the side, in units of speed times turn rate, for a loop that damps what comes of it."""
 EVERYBODY = 0
+"""Target id of a broadcast (MAVLink), which no setpoint may have."""
 BODY_NED = dialect.MAV_FRAME_BODY_NED
 
 

@@ -36,6 +36,7 @@ THINNED = 1 - WAIT
 """Least time between two ranges that the estimator takes, in ticks: ranges in between are merged. Each range that it
 takes is answered with a setpoint, and costs 1 to 2 ms of the processor."""
 REMEMBERED = 9
+"""Gaps between ranges whose median is their period: odd, so that four late ones change nothing."""
 MOST_MERGED = 1000
 """Ranges that are merged to one at most."""
 MOST_AT_ONCE = 64

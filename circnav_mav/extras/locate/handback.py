@@ -46,6 +46,7 @@ LEAST_SIGMA, MOST_SIGMA = 1.0, 300.0
 """Standard deviation, m, that is told at least (PX4 resets hard below it); of a position that helps nobody any more: an
 autopilot by itself was some km off."""
 PLACE_SIGMA = 15.0
+"""Standard deviation of the beacon's place, m, above which no position is made from it; chosen."""
 COMPASS_SIGMA = 0.03
 """What is not known of the compass, rad, where its bias was learnt; three times that where it was not."""
 WIND_SIGMA, STRAYS = 0.3, 0.6

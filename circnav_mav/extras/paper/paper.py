@@ -21,13 +21,17 @@ from circnav_mav.guidance.maths import Batch, chord
 from circnav_mav.report.plots import STYLE, save
 
 V, TARGET, R_D = 1.0, (0.0, -10.0), 10.0
+"""Speed, place of the target and radius of the paper's examples (its units)."""
 TOLERANCE = 0.05
 """Settled: within this fraction of r_d of the predicted radius."""
 SECONDS = 200.0
+"""Time of a flight: longer than all in the paper need to settle."""
 MIRRORED = 40
+"""Flights that are flown again in the mirror, to show that both senses are one law."""
 SLACK = 1e-3
 """Of r_d: how far the switching law's chatter (V step) may dip below the circle without having entered it."""
 STEP = 0.02
+"""Step of the simulation, s, in which the turn rate is held: a 500th of r_d/V."""
 
 
 @dataclass(frozen=True, slots=True)

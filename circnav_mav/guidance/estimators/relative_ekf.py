@@ -26,6 +26,7 @@ from circnav_mav.guidance.maths import Array, arctan2, cos, exp, maximum, sin, u
 
 R, THETA, DX, DY, KAPPA, B, GX, GY, FORWARD, LEFT, EX, EY = range(12)
 STATES = 12
+"""Rows of the state: range, direction, drift, airspeed scale, gust, range error and what the accelerometers need."""
 AXES = np.zeros((2, STATES, 1, 1))
 AXES[0, [DX, GX, EX]] = AXES[1, [DY, GY, EY]] = 1.0
 """Which states are a drift to the east and to the north."""

@@ -82,9 +82,9 @@ def constants(module: str) -> list[Constant]:
     lines, body = text.splitlines(), ast.parse(text).body
     found = []
     for statement, after in zip(body, [*body[1:], None], strict=False):
-        for name, _ in assigned(statement):
+        for name, expression in assigned(statement):
             value = getattr(loaded, name, None)
-            if numeric(value):
+            if numeric(value) and has_number(expression):
                 found.append(Constant(module, name, shown(value), said(statement, after, lines)))
     return found
 
@@ -101,6 +101,12 @@ def assigned(statement: ast.stmt) -> Iterator[tuple[str, ast.expr]]:
     for one, value in pairs:
         if isinstance(one, ast.Name) and NAME.fullmatch(one.id):
             yield one.id, value
+
+
+def has_number(expression: ast.expr) -> bool:
+    """True where a number is written. What only repeats other names is no constant of its own."""
+    numbers = (node.value for node in ast.walk(expression) if isinstance(node, ast.Constant))
+    return any(isinstance(value, int | float | complex) and not isinstance(value, bool) for value in numbers)
 
 
 def numeric(value: object) -> bool:
