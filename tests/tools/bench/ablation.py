@@ -49,6 +49,8 @@ BENCHED = (
 )
 BATCH, BATCH_SEED = 20, 2027
 """Flights of a row of the benchmark, and the seed of its published table."""
+LAPS = 1
+"""Laps of an emulated flight that are judged."""
 KEPT, NEVER = 0.1, 0.2
 """A circle is kept by an RMS error below the first and no error above the second, in units of the radius."""
 
@@ -173,7 +175,7 @@ def fly_row(row: str, seed: int, layer: str) -> Result:
     """One flight of an emulated vehicle."""
     acted: set[str] = set()
     with noted(acted) if layer == FULL else without(_layer(layer)):
-        one = fly(row, seed)
+        one = fly(row, seed, count=LAPS)
     radius = CIRCLES[ROWS[row][0]][0]
     kept = one.right and one.rms < KEPT * radius and one.worst < NEVER * radius
     return Result(row, seed, layer, one.rms, one.turn_sd, one.at_limit, int(kept), 1, tuple(sorted(acted)))
@@ -204,7 +206,7 @@ def read(path: Path) -> dict[tuple[str, int, str], Result]:
 
 def due(done: dict[tuple[str, int, str], Result]) -> Iterator[Callable[[], Result]]:
     """What is left to fly: seed by seed, each row with all layers first."""
-    for seed in (*SEEDS, BATCH_SEED):
+    for seed in (SEEDS[0], BATCH_SEED, *SEEDS[1:]):
         for layer in (FULL, *NAMES):
             for row in BENCHED if seed == BATCH_SEED else FLOWN:
                 if (row, seed, layer) in done:
