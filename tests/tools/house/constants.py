@@ -79,7 +79,7 @@ def constants(module: str) -> list[Constant]:
     """The numeric constants of a module (path in the repository). It is imported for their values."""
     text = (ROOT / module).read_text()
     loaded = importlib.import_module(module.removesuffix(".py").replace("/", ".").removesuffix(".__init__"))
-    lines, body = text.splitlines(), ast.parse(text).body
+    lines, body = text.splitlines(), [one for one in ast.parse(text).body if not fills_in(one)]
     found = []
     for statement, after in zip(body, [*body[1:], None], strict=False):
         for name, expression in assigned(statement):
@@ -101,6 +101,11 @@ def assigned(statement: ast.stmt) -> Iterator[tuple[str, ast.expr]]:
     for one, value in pairs:
         if isinstance(one, ast.Name) and NAME.fullmatch(one.id):
             yield one.id, value
+
+
+def fills_in(statement: ast.stmt) -> bool:
+    """True for `A[...] = ...`, which stands between an array and its docstring."""
+    return isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Subscript)
 
 
 def has_number(expression: ast.expr) -> bool:
