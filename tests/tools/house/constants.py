@@ -12,6 +12,7 @@ import importlib
 import importlib.machinery
 import json
 import multiprocessing
+import random
 import re
 import sys
 import time
@@ -283,19 +284,19 @@ def measure(path: Path, seconds: float, tell: Any = print) -> None:
     if "reached" not in done:
         note(path, "reached", sorted(reached(every, apart(functions_run))))
         done = read(path)
-    for one in sorted(here, key=lambda one: bool(one.origin)):
-        for factor in FACTORS:
-            key = f"{one.key} x{factor:g}"
-            if key in done or one.name not in done["reached"]:
-                continue
-            if time.monotonic() - began > seconds:
-                return
-            try:
-                flown: object = apart(partial(fly, one.module, one.name, factor))
-            except Exception as error:  # whatever a wrong constant breaks is its effect
-                flown = f"{type(error).__name__}: {error}"[:80]
-            note(path, key, flown)
-            tell(key, flown, flush=True)
+    jobs = [(one, factor) for one in here if one.name in done["reached"] for factor in FACTORS]
+    for one, factor in random.sample(jobs, len(jobs)):  # so that two runs at a time seldom fly the same
+        key = f"{one.key} x{factor:g}"
+        if key in read(path):
+            continue
+        if time.monotonic() - began > seconds:
+            return
+        try:
+            flown: object = apart(partial(fly, one.module, one.name, factor))
+        except Exception as error:  # whatever a wrong constant breaks is its effect
+            flown = f"{type(error).__name__}: {error}"[:80]
+        note(path, key, flown)
+        tell(key, flown, flush=True)
     tell("all flown")
 
 
