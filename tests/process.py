@@ -17,7 +17,7 @@ PATIENCE = 300.0
 """Time, s, after which a process counts as hanging; how long it takes on a busy machine is not judged."""
 
 
-UNHURRIED = ("--set", "limits.stale_s=3.0", "--set", "limits.round_trip_s=5.0")
+UNHURRIED = ("--set", "limits.stale_s=4.0")
 """What lets a vehicle or a radio that stood still for a moment pass where it is not judged how late they are."""
 
 

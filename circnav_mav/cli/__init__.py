@@ -246,6 +246,20 @@ def clean() -> None:
     """
 
 
+@command("circnav_mav.cli.params:print_parameters", short_help="Print the autopilot parameters that a mission needs.")
+@click.argument("path", type=FileOrName("mission"), metavar="MISSION")
+@SET
+def params() -> None:
+    """Print the parameter file for the autopilot of MISSION: the values that preflight checks, each with its reason.
+    What belongs to the airframe or to the operator (stall speed, fence, failsafes) is listed and not set.
+
+    \b
+    Examples, then load it with Mission Planner, QGroundControl or MAVProxy:
+        circnav params plane.toml > plane.param
+        circnav params px4_copter > copter.params
+    """
+
+
 @command("circnav_mav.cli.init:print_schema", short_help="Print the JSON schema of a file, for editors.")
 @click.argument("kind", type=click.Choice(["mission", *(name for one in extensions() for name in one.schemas)]))
 def schema() -> None:

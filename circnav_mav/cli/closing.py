@@ -58,7 +58,7 @@ def close_flight(
     mission: Mission,
     epoch_us: int,
     code: Exit,
-    alarms: list[tuple[float, str]],
+    alarms: list[dict[str, float | str]],
     onlookers: Onlookers,
 ) -> tuple[dict[str, Any], Exit]:
     """The summary, written as summary.json, and the rest of manifest.json, if the disk takes them; and the exit code: a
@@ -67,7 +67,7 @@ def close_flight(
     gaps = recorder.problem is not None  # from here on it may also be that what was recorded is not understood
     summary = _summary(pilot, recorder, mission, epoch_us)
     summary["notes"] = []
-    summary["alarms"] = [{"time_s": round(time, 1), "text": text} for time, text in alarms]
+    summary["alarms"] = alarms
     for name, text in onlookers.finish(summary).items():
         gaps |= not _written(summary, name, partial(write_text, folder / name, text))
     gaps |= not _written(summary, f"{folder}:", lambda: write_json(folder / "summary.json", summary))

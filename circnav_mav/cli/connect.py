@@ -53,7 +53,7 @@ def open_signing(mission: Mission, open_things: ExitStack) -> tuple[Signing, Sig
         return None, None
     path = Path(table.key_file)
     try:
-        signing = Signing(read_key(path), link_id=table.link_id)
+        signing = Signing(read_key(path))
         return signing, open_things.enter_context(closing(SigningTime(signing, timestamp_path(path))))
     except KeyFileError as error:
         raise Refused(f"signing.key_file: {error}") from None

@@ -70,7 +70,7 @@ def _page(run: Run, mission: Mission) -> None:
     summary = _figures(run, mission) | {key: run.summary[key] for key in READ_BACK & run.summary.keys()}
     if run.damage_text is not None:
         summary["recording_problem"] = "; ".join(filter(None, (summary["recording_problem"], run.damage_text)))
-    circles, gate = mission.orbit.words(*mission.radii[1:]), mission.file.guidance.gate_sigma
+    circles, gate = mission.orbit.words(*mission.radii[1:]), mission.estimation.gate
     write_report(run, mission.orbit, circles, gate, verdict(summary, run.folder), _settings(mission), _added(run))
 
 

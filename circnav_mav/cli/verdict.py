@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from circnav_mav.mav.ranging.interface import OTHERS, describe_rejected
+from circnav_mav.pilot.conditions import CLOCK_SPEED, LIMIT_CYCLE
 
 NOTABLE = 1.0
 """Time, s, that somebody else had the vehicle from which on it is told."""
@@ -24,8 +25,7 @@ def verdict(summary: dict[str, Any], folder: Path) -> str:
     lines.append(f"  setpoints  {summary['setpoints_sent']} sent")
     lines += summary.get("notes", ())
     if summary["clock_speed"] is not None:
-        cure = 'for a simulator set link.clock = "autopilot"'
-        lines.append(f"  WARNING    autopilot time ran {summary['clock_speed']:.2g} times as fast as ours: {cure}")
+        lines.append(f"  WARNING    {CLOCK_SPEED.long.format(speed=summary['clock_speed'])}")
     if summary["recording_problem"]:
         lines.append(f"  WARNING    {summary['recording_problem']}")
     lines.append(f"  run folder {folder}")
@@ -78,10 +78,8 @@ def _turn(summary: dict[str, Any]) -> list[str]:
     if gain is not None and delay is not None:
         changes = summary["law_changes"]
         lines.append(f"  vehicle    turn gain {gain:.2f}, turn delay {delay:.2f} s; law changes {changes}")
-    if summary["turn_limit_cycle"]:
-        lines.append("  WARNING    limit cycle: the turn command oscillates, however small the radius error is")
-    if share is not None and share < 1:
-        lines.append(f"  WARNING    limit cycle in flight: the gains were reduced to {100 * share:.0f} %")
+    if summary["turn_limit_cycle"] or (share is not None and share < 1):
+        lines.append(f"  WARNING    {LIMIT_CYCLE.long.format(share=100 * (1 if share is None else share))}")
     return lines
 
 

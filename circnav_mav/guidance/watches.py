@@ -76,11 +76,6 @@ class DriftAlarm(NamedTuple):
     drift: float = 0.0
     allowed: float = 0.0
 
-    @property
-    def text(self) -> str:
-        """For people, short enough for a STATUSTEXT with our name before it."""
-        return f"drift {self.drift:.1f} m/s, this circle allows {self.allowed:.1f}"
-
 
 def watch_drift(alarm: DriftAlarm, estimate: RangeEstimate | None, orbit: Orbit, most_turn: float) -> DriftAlarm:
     """The alarm after an estimate; unchanged by one that does not know the drift. most_turn: turn rate that the vehicle

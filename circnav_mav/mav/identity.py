@@ -20,6 +20,8 @@ PROOF_LASTS = 2.0
 """Time, s, for which a proof of the vehicle's identity counts: two heartbeats of PX4."""
 MOST_MISFITS = 16
 """Senders that do not fit and are kept for the message to the operator: bounds what a hostile link can fill."""
+FLOODED = 3.0
+"""Time, s, since something was last left unread, after which a flood is over."""
 RIVAL_KEPT = 5.0
 """Time, s, for which a second sender counts as there: longer than the pauses between the heartbeats of a lossy link."""
 STRANGERS_RATE, STRANGERS_BURST = 64_000.0, 32_000.0
@@ -88,6 +90,10 @@ class Allowance:
         self.dropped = 0
         """Bytes that were not read."""
         self.dropped_at = float("-inf")
+
+    def flooded(self, now: float) -> bool:
+        """True if something was left unread lately."""
+        return now - self.dropped_at < FLOODED
 
     def take(self, size: int, now: float) -> bool:
         """Whether so many bytes more may be read."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import hypot, isfinite
+from math import hypot, isfinite, radians
 from typing import NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
@@ -15,6 +15,8 @@ SLACK = 1 + 1e-6
 """Single precision."""
 MOST_DAMPED = 1.25
 """Acceleration to the side, in units of speed times turn rate, for a loop that damps what comes of it."""
+MAX_PITCH, MAX_CLIMB = radians(15), 1.0
+"""Pitch of an attitude setpoint, rad, and climb rate of a velocity setpoint, m/s: height is held, not changed."""
 EVERYBODY = 0
 """Target id of a broadcast (MAVLink), which no setpoint may have."""
 BODY_NED = dialect.MAV_FRAME_BODY_NED
@@ -33,25 +35,20 @@ class UnsafeSetpointError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What may be commanded. max_yaw_rate in rad/s, max_speed in m/s, max_yaw_acceleration in rad/s^2 or None,
-    max_bank and max_pitch (of attitude setpoints) in rad, max_climb (of velocity setpoints) in m/s, max_stick (of
-    MANUAL_CONTROL) in thousandths."""
+    """What may be commanded. max_yaw_rate in rad/s, max_speed in m/s, max_bank in rad (of attitude setpoints),
+    max_stick in thousandths (of MANUAL_CONTROL)."""
 
     max_yaw_rate: float
     max_speed: float
-    max_yaw_acceleration: float | None = None
     max_bank: float = 0.0
-    max_pitch: float = 0.0
-    max_climb: float = 0.0
     max_stick: float = 1000.0
 
 
 class SetpointGuard:
-    """Lets finite setpoints within limits through, slewed where the mission asks for it."""
+    """The one exit for setpoints: finite, and within the limits."""
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
-        self._last: tuple[float, YawRate] | None = None
 
     def admit(self, steer: Steer, now: float) -> Steer:
         """The steer as it may be flown. Raises UnsafeSetpointError for a number that no vehicle must see."""
@@ -60,12 +57,7 @@ class SetpointGuard:
             raise UnsafeSetpointError(f"not finite: {steer}")
         if abs(rate) > limits.max_yaw_rate * (1 + 1e-9) or not 0 <= steer.speed <= limits.max_speed:
             raise UnsafeSetpointError(f"outside the limits {limits}: {steer}")
-        if limits.max_yaw_acceleration is not None and self._last is not None:
-            then, before = self._last
-            reach = limits.max_yaw_acceleration * max(now - then, 0.0)
-            rate = YawRate(min(max(rate, before - reach), before + reach))
-        self._last = (now, rate)
-        return Steer(rate, steer.speed)
+        return steer
 
     def check_message(self, message: Message, shapes: frozenset[tuple[str, int | None]]) -> Message:
         """The message as it will leave, if its type and mask stand in the adapter's table, all its numbers are finite,
@@ -81,10 +73,6 @@ class SetpointGuard:
             raise UnsafeSetpointError(f"outside the limits {self._limits}: {message}")
         return message
 
-    def reset(self) -> None:
-        """Forget the last setpoint: the next one starts a stream."""
-        self._last = None
-
 
 # --- whether the speeds, rates and angles that a message commands are within the limits: all that its mask lets through
 
@@ -93,14 +81,14 @@ def _velocity_within(message: Message, limits: Limits) -> bool:
     forward = abs(message.vx) <= limits.max_speed * SLACK and message.vy == 0 and message.coordinate_frame == BODY_NED
     across = MOST_DAMPED * limits.max_speed * limits.max_yaw_rate
     fed = hypot(message.afx, message.afy, message.afz) <= hypot(MOST_FED, across) * SLACK and message.afx >= 0
-    level = abs(message.vz) <= limits.max_climb
+    level = abs(message.vz) <= MAX_CLIMB
     turning = abs(message.yaw_rate) <= limits.max_yaw_rate * SLACK
     return bool(forward and fed and level and turning)
 
 
 def _attitude_within(message: Message, limits: Limits) -> bool:
     roll, pitch, _ = euler_from_quaternion(message.q)
-    level = abs(roll) <= limits.max_bank * SLACK + 1e-6 and abs(pitch) <= limits.max_pitch * SLACK + 1e-6
+    level = abs(roll) <= limits.max_bank * SLACK + 1e-6 and abs(pitch) <= MAX_PITCH * SLACK + 1e-6
     turns_only = abs(sum(part**2 for part in message.q) - 1) < 1e-3
     return bool(level and turns_only and 0 <= message.thrust <= 1)
 

@@ -15,7 +15,7 @@ from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check, graded
 from circnav_mav.mav.ranging.driver import split_driver
 from circnav_mav.mission.checks_ranging import check_ranging
 from circnav_mav.mission.mission import Mission
-from circnav_mav.mission.schema import SELDOM, Table
+from circnav_mav.mission.schema import advice
 
 WEAK = 0.1
 """Share of the default gain below which a law hardly turns."""
@@ -54,22 +54,10 @@ def _of_circles(mission: Mission, part: Callable[[Mission], Iterable[Check]]) ->
 
 
 def _keys(mission: Mission) -> Iterator[Check]:
-    if needless := list(_needless(mission.file)):
-        yield Check(WARN, "keys", f"no longer needed, at the default anyway: delete {', '.join(needless)}")
+    if mission.removed_keys:
+        yield Check(WARN, "keys", f"without effect: {advice(mission.removed_keys)}")
     else:
         yield Check(PASS, "keys", "all keys known, none missing")
-
-
-def _needless(table: Table, before: str = "") -> Iterator[str]:
-    """Keys that nobody needs to set, where the file sets them to the default."""
-    for name, field in type(table).model_fields.items():
-        value = getattr(table, name)
-        if name not in table.model_fields_set:
-            continue
-        if isinstance(value, Table):
-            yield from _needless(value, f"{before}{name}.")
-        elif SELDOM in field.metadata and value == field.default:
-            yield before + name
 
 
 def _vehicle(mission: Mission) -> Iterator[Check]:

@@ -22,7 +22,7 @@ ROOM = 0.1
 
 def check_ranging(mission: Mission) -> list[Check]:
     """Its lines."""
-    parts = (_reach, _bounds, _radio, _sampling, _delay, _noise, _slant)
+    parts = (_reach, _bounds, _radio, _sampling, _noise, _slant)
     return [line for part in parts for line in part(mission)]
 
 
@@ -82,16 +82,6 @@ def _sampling(mission: Mission) -> Iterator[Check]:
         bounds = "above 0.05 it wanders off the circle, above 0.5 it is lost"
         words = f"turns {turn:.3f} rad between two samples ({bounds})"
         yield Check(graded(turn, warn_above=0.05, fail_above=0.5), "switching", words)
-
-
-def _delay(mission: Mission) -> Iterator[Check]:
-    """A link that may be engaged over must not make its ranges stale at once."""
-    limits = mission.file.limits
-    late = limits.round_trip_s / 2
-    if mission.file.ranging.endpoint is None and late > mission.stale:
-        words = f"limits.round_trip_s = {limits.round_trip_s:g} lets a link be flown over whose ranges are {late:g} s"
-        lost = f"beyond limits.stale_s = {mission.stale:g} they are lost"
-        yield Check(WARN, "delay", f"{words} under way; {lost}")
 
 
 def _noise(mission: Mission) -> Iterator[Check]:

@@ -3,26 +3,21 @@
 import os
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
-from difflib import get_close_matches
+from collections.abc import Iterable, Mapping
+from copy import deepcopy
 from functools import cache
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ValidationError, create_model
-from pydantic_core import ErrorDetails
+from pydantic import ValidationError, create_model
 
 from circnav_mav import foreign
 from circnav_mav.extension import table_models
-from circnav_mav.mav.autopilots.table import allowed, table_key
-from circnav_mav.mav.ranging.driver import split_driver
-from circnav_mav.mission.mission import SIM, Mission
-from circnav_mav.mission.schema import MissionFile
-
-MOST_PROBLEMS, MOST_SHOWN = 8, 60
-"""Problems of a file named in one line, and characters of a line that is wrong: more are not read."""
-_BOUNDS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
+from circnav_mav.mission.clashes import clashes
+from circnav_mav.mission.mission import Mission
+from circnav_mav.mission.problems import MOST_SHOWN, in_words
+from circnav_mav.mission.schema import REMOVED, MissionFile
 
 
 class MissionError(Exception):
@@ -98,15 +93,30 @@ def mission_of(table: Mapping[str, Any], where: str, text: str = "") -> Mission:
     MissionError."""
     if "mission" in table and "vary" in table:
         raise MissionError(f"{where}: is a campaign file, fly it with: circnav campaign {where}")
+    table, removed = _without_removed(table)
     try:
         file = whole_schema().model_validate(table)
     except ValidationError as error:
         raise MissionError(f"{where}: {in_words(error, whole_schema())}") from None
-    if clashes := list(_clashes(file)):
-        raise MissionError(f"{where}: {'; '.join(clashes)}")
-    mission = Mission(file, text)
+    if problems := list(clashes(file)):
+        raise MissionError(f"{where}: {'; '.join(problems)}")
+    mission = Mission(file, text, removed)
     _check_numbers(mission, where)
     return mission
+
+
+def _without_removed(table: Mapping[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return a copy of the table without the keys that earlier versions had, and the names of those it set."""
+    table_copy, found = deepcopy(dict(table)), []
+    for key in REMOVED:
+        *tables, name = key.split(".")
+        inner: Any = table_copy
+        for one in tables:
+            inner = inner.get(one) if isinstance(inner, dict) else None
+        if isinstance(inner, dict) and name in inner:
+            del inner[name]
+            found.append(key)
+    return table_copy, tuple(found)
 
 
 @cache
@@ -115,40 +125,6 @@ def whole_schema() -> type[MissionFile]:
     tables: dict[str, Any] = {name: (model, model()) for name, model in table_models().items()}
     doc = "The whole file. `sim` belongs to the bundled vehicle, which checks it itself."
     return create_model("MissionFile", __base__=MissionFile, __doc__=doc, **tables)
-
-
-def _clashes(file: MissionFile) -> Iterator[str]:
-    """What each key allows and the file as a whole does not."""
-    vehicle, orbit, ranging = file.vehicle, file.orbit, file.ranging
-    if file.link.endpoint == SIM and file.sim is None:
-        yield f'link.endpoint: is "{SIM}", which needs a [sim] table describing the vehicle'
-    if ranging.endpoint == SIM and file.link.endpoint != SIM:
-        yield f'ranging.endpoint: is "{SIM}" but the vehicle is not the bundled one: --set ranging.endpoint=URL'
-    if split_driver(ranging.endpoint or "")[0] and ranging.message != "ranging_beacon":
-        yield f'ranging.message: is "{ranging.message}", a driver gives "ranging_beacon": set that'
-    if file.signing and file.signing.accept_unsigned == "ranging" and ranging.endpoint is None:
-        yield 'signing.accept_unsigned: is "ranging", which needs a ranging.endpoint of its own'
-    if ranging.rate_name is not None and ranging.message != "named_value_float":
-        yield f'ranging.rate_name: goes with message = "named_value_float", not with "{ranging.message}"'
-    if ranging.rate_name == ranging.name:
-        yield f'ranging.rate_name: is "{ranging.name}" as ranging.name: give the rate a name of its own'
-    if file.guidance.estimator == "measured" and ranging.rate_name is None:
-        yield 'guidance.estimator: is "measured", which needs a radio that measures the range rate: ranging.rate_name'
-    rows = allowed(*table_key(vehicle.autopilot, vehicle.kind, vehicle.method)).values()
-    if vehicle.max_bank_deg is None and any(row.banks for row in rows):
-        yield f"vehicle.max_bank_deg: missing, a {vehicle.kind} turns by banking: add its limit"
-    elif vehicle.max_bank_deg is None and vehicle.max_turn_rate_deg_s is None:
-        yield "vehicle.max_turn_rate_deg_s: missing, add it"
-    ways = ("height_above_target_m", "target_altitude_m", "target_above_home_m")
-    given = [f"orbit.{way}" for way in ways if getattr(orbit, way) is not None]
-    if len(given) > 1:
-        yield f"{' and '.join(given)}: the height is given in one way only: keep one of them"
-    # in the other order a flight would end as it begins, or no range would count
-    for table, quantity in (("bounds", "range_m"), ("bounds", "altitude_m"), ("ranging", "range_m")):
-        low, high = (getattr(getattr(file, table), f"{side}_{quantity}") for side in ("min", "max"))
-        if low is not None and high is not None and low >= high:
-            most = f"{table}.max_{quantity} = {high:g}"
-            yield f"{table}.min_{quantity}: {low:g} is not below {most}: lower it, or raise the other"
 
 
 def _check_numbers(mission: Mission, where: str) -> None:
@@ -194,83 +170,3 @@ def _make_absolute(table: Any, folder: Path, where: str) -> None:
                 raise MissionError(f"{where}: signing.key_file: {name!r} holds a character that no file's name has")
             # not Path.expanduser: it raises for a user that is not there
             signing["key_file"] = str((folder / os.path.expanduser(name)).absolute())  # type: ignore[index]
-
-
-# --- what is wrong with a file, in words ---
-
-
-def in_words(error: ValidationError, schema: type[BaseModel]) -> str:
-    """Describe the problems of a file of this schema; unknown keys first, for a misspelled key is also a missing
-    one."""
-    problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
-    missing = [".".join(map(str, problem["loc"])) for problem in problems if problem["type"] == "missing"]
-    told = [_one_in_words(problem, schema) for problem in problems if problem["type"] != "missing"]
-    if missing:
-        told.append(f"{', '.join(missing)}: missing, add {'it' if len(missing) == 1 else 'them'}")
-    more = f"; and {len(told) - MOST_PROBLEMS} more" if len(told) > MOST_PROBLEMS else ""
-    return "; ".join(told[:MOST_PROBLEMS]) + more
-
-
-def _one_in_words(problem: ErrorDetails, schema: type[BaseModel]) -> str:
-    place = list(map(str, problem["loc"]))
-    key, kind, context, given = ".".join(place), problem["type"], problem.get("ctx", {}), problem.get("input")
-    if kind == "extra_forbidden":
-        known = list(_table(schema, place[:-1]).model_fields)
-        anywhere = {key.rpartition(".")[2]: key for key in _keys(schema)}
-        near = get_close_matches(place[-1], known, n=1)
-        near = near or [anywhere[name] for name in get_close_matches(place[-1], anywhere, n=1, cutoff=0.7)]
-        return f"{key}: unknown key, " + (f"did you mean {near[0]}?" if near else f"known here: {', '.join(known)}")
-    if kind == "literal_error":
-        return f"{key}: {_shown(given)} is not one of {context['expected']}"
-    if kind == "model_type":
-        return f"{key}: must be a table, not {_shown(given)}"
-    if kind == "finite_number":
-        field = _table(schema, place[:-1]).model_fields.get(place[-1])
-        # a key that is needed has no default at all
-        remedy = ": leave it out for none" if field is not None and field.default is None else ""
-        return f"{key}: must be a finite number, not {given}{remedy}"
-    bound = next((f"{words} {context[name]:g}" for name, words in _BOUNDS.items() if name in context), None)
-    if bound is not None and isinstance(given, int | float):
-        return f"{key}: must be {bound}, not {given:g}"
-    said = problem["msg"][:1].lower() + problem["msg"][1:]
-    return f"{key}: {said.removeprefix('input ')}, not {_shown(given)}{_number_meant(kind, given)}"
-
-
-def _shown(given: Any) -> str:
-    """A value as Python writes it, its beginning if it is long."""
-    return repr(given)[:MOST_SHOWN]
-
-
-def _number_meant(kind: str, given: Any) -> str:
-    """The remedy for a number that TOML does not know as one: .5, 1. or one in quotes."""
-    if kind not in ("float_type", "int_type") or not isinstance(given, str):
-        return ""
-    try:
-        return f": write {float(given)!r}"
-    except ValueError:
-        return ""
-
-
-def _keys(table: type[BaseModel], before: str = "") -> Iterator[str]:
-    """The keys of a table and of those within it, dotted."""
-    for name in table.model_fields:
-        inner = _inner(table, name)
-        yield from [before + name] if inner is None else _keys(inner, f"{before}{name}.")
-
-
-def _table(schema: type[BaseModel], place: list[str]) -> type[BaseModel]:
-    """The table of the schema at a place; where part of it is none, the table around that part."""
-    model = schema
-    for part in place:
-        inner = _inner(model, part)
-        if inner is None:
-            return model
-        model = inner
-    return model
-
-
-def _inner(table: type[BaseModel], name: str) -> type[BaseModel] | None:
-    """The table that a key of a table holds, if it does."""
-    annotation = table.model_fields[name].annotation
-    kinds = [kind for kind in (annotation, *get_args(annotation)) if isinstance(kind, type)]
-    return next((kind for kind in kinds if issubclass(kind, BaseModel)), None)

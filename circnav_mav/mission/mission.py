@@ -11,7 +11,7 @@ from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.tuning import LawTuning
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.guidance.watches import Bounds
-from circnav_mav.mav.autopilots.interface import AirLoops, Autopilot, VehicleFacts
+from circnav_mav.mav.autopilots.interface import Autopilot, VehicleFacts
 from circnav_mav.mav.autopilots.table import allowed, table_key
 from circnav_mav.mav.frames import GRAVITY
 from circnav_mav.mav.identity import LinkSettings
@@ -28,6 +28,10 @@ STALE_PERIODS, LEAST_STALE = 2.5, 0.5
 """Default of `limits.stale_s` in periods of the radio, so that a single lost range stops nothing; and at least, s."""
 END_SHARE, CARRIES_FAR = 0.975, 1000.0
 """Default of `bounds.max_range_m` as a share of what the message carries, for messages that end before so many m."""
+SLOWEST_ANSWER = 1.2
+"""Round trip of the link, of the oldest range that may steer, above which the vehicle is not engaged."""
+LONGEST_OUTAGE = 60.0
+"""Silence of the vehicle, s, after which the mission does not resume; longer where ranges may be missing for longer."""
 SIM = "sim"
 """The endpoint that stands for the bundled vehicle."""
 
@@ -35,10 +39,12 @@ SIM = "sim"
 @dataclass(frozen=True, slots=True)
 class Mission:
     """A validated mission. file: as the person wrote it, with units in names, and with the tables of extras, which
-    the core does not read. text: the file as flown."""
+    the core does not read. text: the file as flown. removed_keys: those of an earlier version that it sets, without
+    effect."""
 
     file: MissionFile
     text: str
+    removed_keys: tuple[str, ...] = ()
 
     @property
     def radii(self) -> tuple[float, ...]:
@@ -105,10 +111,7 @@ class Mission:
     @property
     def estimation(self) -> EstimatorSettings:
         """What the estimator needs to know."""
-        guidance, orbit = self.file.guidance, self.orbit
-        settings = EstimatorSettings(
-            orbit.speed, orbit.max_turn_rate, gate=guidance.gate_sigma, min_samples=guidance.min_samples
-        )
+        settings = EstimatorSettings(self.orbit.speed, self.orbit.max_turn_rate)
         sigma = next((vehicle.ground_speed_sigma for vehicle in self.vehicles), None)
         return settings if sigma is None else replace(settings, drift_sigma=0.1, scale_sigma=sigma)
 
@@ -136,6 +139,11 @@ class Mission:
         """Age of the newest range up to which it may steer, s: the file's, or long enough for one lost range."""
         usual = min(max(STALE_PERIODS / self.file.ranging.rate_hz, LEAST_STALE), MOST_STALE)
         return self.file.limits.stale_s or usual
+
+    @property
+    def slowest_answer(self) -> float:
+        """Round trip of the link above which the vehicle is not engaged, s. Half of it ages every range."""
+        return SLOWEST_ANSWER * self.stale
 
     @property
     def ranging_driver(self) -> str | None:
@@ -172,7 +180,6 @@ class Mission:
     def pilot_settings(self, output_mode: OutputMode = OutputMode.FLY) -> PilotSettings:
         """The mission as the pilot needs it. Raises ValueError for a gain without a radius correction."""
         file = self.file
-        acceleration = file.vehicle.max_turn_acceleration_deg_s2
         return PilotSettings(
             orbit=self.orbit,
             law=self.law,
@@ -200,13 +207,12 @@ class Mission:
                 stale=self.stale,
                 hold=file.limits.hold_s,
                 unfollowed=file.limits.unfollowed_s,
-                outage=file.limits.outage_s,
-                round_trip=file.limits.round_trip_s,
+                outage=max(LONGEST_OUTAGE, file.limits.hold_s),
+                round_trip=self.slowest_answer,
                 tick=1 / file.limits.tick_hz,
             ),
             request_mode=file.engage.request_mode,
             end_on_takeover=file.engage.on_takeover == "end",
-            max_yaw_acceleration=None if acceleration is None else radians(acceleration),
             exit=file.exit.action,
             output_mode=output_mode,
             ranging_apart=file.ranging.endpoint is not None,
@@ -219,6 +225,7 @@ class Mission:
             height=self.height,
             tuning=self.tuning,
             later_radii=self.radii[1:],
+            unsigned_parameters=file.link.unsigned_parameters,
             circle_limits=self._circle_limits(),
         )
 
@@ -247,19 +254,9 @@ class Mission:
 
     def _facts(self) -> VehicleFacts:
         vehicle = self.file.vehicle
-        loops = vehicle.loops
         return VehicleFacts(
             speed=vehicle.speed_mps,
             max_bank=radians(vehicle.max_bank_deg or 0.0),
             stick_bank=radians(vehicle.full_stick_bank_deg),
-            climb_gain=vehicle.climb_gain_per_s,
-            max_climb=vehicle.max_climb_mps,
-            loops=AirLoops(
-                trim_thrust=loops.trim_thrust,
-                thrust_per_speed=loops.thrust_per_mps,
-                thrust_per_bank=loops.thrust_per_bank,
-                pitch_per_height=radians(loops.pitch_deg_per_m),
-                pitch_per_climb=radians(loops.pitch_deg_per_mps),
-                max_pitch=radians(loops.max_pitch_deg),
-            ),
+            trim_thrust=vehicle.loops.trim_thrust,
         )

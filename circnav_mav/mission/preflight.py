@@ -1,6 +1,6 @@
 """What preflight says of the vehicle and the ranging: a survey in, lines out. Nothing here listens."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from math import degrees, isnan
 
 from pymavlink.dialects.v20 import all as dialect
@@ -36,19 +36,24 @@ def judge(mission: Mission, survey: Survey, clock_speed: float = 1.0) -> list[Ch
     parts = (_identity, _mode, _protocol, _signing, _company, _streams, _motion, _battery)
     lines = [line for part in parts for line in part(mission, survey)]
     lines += [*_clock(mission, survey, clock_speed), *judge_ranging(mission, survey)]
-    context = Context(
+    context = parameter_context(mission, survey.session.vehicle_ids[0], survey.parameters)
+    lines += [line for rule in survey.session.adapter.parameters if (line := rule.check(context)) is not None]
+    told = [text for text in survey.texts if any(word in text.lower() for word in TROUBLE)]
+    return lines + [Check(WARN, "says", f'"{text}"') for text in told]
+
+
+def parameter_context(mission: Mission, system: int, values: Mapping[str, float]) -> Context:
+    """Return what the rules for parameters depend on. system: id of the vehicle. values: the parameters read."""
+    return Context(
         speed=mission.orbit.speed,
         max_turn_rate_deg=degrees(mission.orbit.max_turn_rate),
         max_bank_deg=mission.file.vehicle.max_bank_deg or 0.0,
         stick_bank_deg=mission.file.vehicle.full_stick_bank_deg,
         tick=1 / mission.file.limits.tick_hz,
-        system=survey.session.vehicle_ids[0],
-        values=survey.parameters,
+        system=system,
+        values=values,
         circle_turn_rate=mission.orbit.speed / min(mission.radii),
     )
-    lines += [line for rule in survey.session.adapter.parameters if (line := rule.check(context)) is not None]
-    told = [text for text in survey.texts if any(word in text.lower() for word in TROUBLE)]
-    return lines + [Check(WARN, "says", f'"{text}"') for text in told]
 
 
 # --- who it is --------------------------------------------------------------------------------------------------------
@@ -221,9 +226,9 @@ def _clock(mission: Mission, survey: Survey, clock_speed: float) -> Iterator[Che
         else:
             yield Check(PASS, "clock", words)
     if trip is not None:
-        most = mission.file.limits.round_trip_s
+        most = mission.slowest_answer
         grade = PASS if trip < SLOW_ROUND_TRIP else WARN if trip <= most else FAIL
-        words = f"{1000 * trip:.0f} ms to the autopilot and back (TIMESYNC), limits.round_trip_s {1000 * most:.0f} ms"
+        words = f"{1000 * trip:.0f} ms to the autopilot and back (TIMESYNC), at most {1000 * most:.0f} ms"
         yield Check(grade, "round trip", words)
     else:
         yield Check(WARN, "round trip", "no answer to TIMESYNC: the delay of the link is not known")

@@ -112,7 +112,7 @@ def _noise(mission: Mission, ranges: Sequence[RangeHeard]) -> Iterator[Check]:
     grade = PASS if ratio <= NOISE_NEAR * doubt else WARN if ratio <= NOISE_FAR * doubt else FAIL
     advice = "" if grade is PASS else ": set ranging.sigma_m to it"
     yield Check(grade, "noise", f"{noise:.2f} m standard deviation, {assumed:.2f} m assumed{advice}")
-    gate = mission.file.guidance.gate_sigma * assumed
+    gate = mission.estimation.gate * assumed
     share = outliers_among(residuals, gate)
     words = f"about {100 * share:.0f} % of the ranges are off by more than {gate:.1f} m"
     yield Check(PASS if share <= MOST_OUTLIERS else WARN, "outliers", words)

@@ -3,6 +3,7 @@
 Bounds keep out what cannot be meant (a tick of 1 kHz, a bank of 80 deg); what is flyable is said by `checks`.
 """
 
+from collections.abc import Iterable
 from ipaddress import ip_network
 from typing import Annotated, Any, Literal
 
@@ -14,8 +15,6 @@ from circnav_mav.guidance.laws import LAWS
 from circnav_mav.mav.autopilots.table import MISSION_AUTOPILOTS, MISSION_EXITS, MISSION_KINDS, MISSION_METHODS
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 
-SELDOM = "seldom set"
-"""Marks a key that nobody needs to set: its default was flown on every vehicle. It counts where a file has it."""
 FAR = 1e9
 """Most that a number may be: beyond, products of a few of them are no numbers any more."""
 MOST_PORT = 65535
@@ -62,6 +61,34 @@ def _radii(given: Any) -> float | list[float]:
 Radii = Annotated[Positive | list[Positive], BeforeValidator(_radii)]
 
 
+REMOVED = {
+    "vehicle.max_turn_acceleration_deg_s2": "the command is not slewed",
+    "vehicle.climb_gain_per_s": "0.5",
+    "vehicle.max_climb_mps": "1 m/s",
+    "vehicle.loops.thrust_per_mps": "0.08",
+    "vehicle.loops.thrust_per_bank": "0.25",
+    "vehicle.loops.pitch_deg_per_m": "1.146",
+    "vehicle.loops.pitch_deg_per_mps": "2.292",
+    "vehicle.loops.max_pitch_deg": "15 degrees",
+    "guidance.gate_sigma": "5",
+    "guidance.min_samples": "5",
+    "ranging.min_range_m": "the limit that the message reports",
+    "limits.outage_s": "60 s, or limits.hold_s if that is longer",
+    "limits.round_trip_s": "1.2 times limits.stale_s",
+    "signing.link_id": "0",
+    "locate.range_bias_m": "2 m",
+    "handback.every_s": "1 s",
+}
+"""Keys of earlier versions that still load, and what is used instead."""
+
+
+def advice(removed: Iterable[str]) -> str:
+    """Return one line about keys of earlier versions: what is used instead, and the remedy."""
+    names = list(removed)
+    used = "; ".join(f"{name} is no longer a key, used is {REMOVED[name]}" for name in names)
+    return f"{used}: delete {'it' if len(names) == 1 else 'them'}"
+
+
 class Table(BaseModel):
     """A table that knows all its keys, converts nothing silently and takes no NaN or infinity, which TOML has: a bound
     that is one never acts, or always."""
@@ -70,15 +97,9 @@ class Table(BaseModel):
 
 
 class LoopsTable(Table):
-    """[vehicle.loops]: our own height and airspeed loops, for method "attitude" only. The defaults flew PX4's simulated
-    plane at 10 m/s."""
+    """[vehicle.loops]: our own height and airspeed loops, for method "attitude" only."""
 
     trim_thrust: Annotated[float, Field(gt=0, lt=1)] = 0.63
-    thrust_per_mps: Annotated[NotNegative, SELDOM] = 0.08
-    thrust_per_bank: Annotated[NotNegative, SELDOM] = 0.25
-    pitch_deg_per_m: Annotated[NotNegative, SELDOM] = 1.146  # .02 rad
-    pitch_deg_per_mps: Annotated[NotNegative, SELDOM] = 2.292  # .04 rad
-    max_pitch_deg: Annotated[float, Field(gt=0, le=45), SELDOM] = 15.0
 
 
 class VehicleTable(Table):
@@ -90,12 +111,9 @@ class VehicleTable(Table):
     speed_mps: Positive
     max_turn_rate_deg_s: Positive | None = None
     max_bank_deg: Annotated[float, Field(gt=0, le=75)] | None = None  # at 75 a level turn pulls 3.9 g
-    full_stick_bank_deg: Annotated[float, Field(gt=0, le=90), SELDOM] = 50.0  # PX4's default of FW_R_LIM
-    max_turn_acceleration_deg_s2: Annotated[Positive | None, SELDOM] = None
+    full_stick_bank_deg: Annotated[float, Field(gt=0, le=90)] = 50.0  # PX4's default of FW_R_LIM
     turn_lag_s: NotNegative = 0.4
-    turn_gain: Annotated[Literal["learn"] | Annotated[float, Field(ge=0.5, le=1.5)], SELDOM] = "learn"
-    climb_gain_per_s: Annotated[NotNegative, SELDOM] = 0.5  # as flown on PX4's simulated copter
-    max_climb_mps: Annotated[Positive, SELDOM] = 1.0
+    turn_gain: Literal["learn"] | Annotated[float, Field(ge=0.5, le=1.5)] = "learn"
     system_id: SystemId | None = None
     loops: LoopsTable = LoopsTable()
 
@@ -115,11 +133,9 @@ class GuidanceTable(Table):
 
     law: Literal[tuple(LAWS)] = "auto"  # type: ignore[valid-type]
     gain: Positive | None = None
-    correct_radius: Annotated[bool, SELDOM] = True
+    correct_radius: bool = True
     radius_trim_per_s: Annotated[float, Field(ge=0, le=0.2)] = 0.0
     estimator: Literal[tuple(ESTIMATORS)] | None = None  # type: ignore[valid-type]
-    gate_sigma: Annotated[float, Field(ge=2, le=20), SELDOM] = 5.0
-    min_samples: Annotated[int, Field(ge=2, le=100), SELDOM] = 5
 
 
 class RangingTable(Table):
@@ -136,12 +152,11 @@ class RangingTable(Table):
     rate_name: Annotated[str, Field(min_length=1, max_length=10)] | None = None
     rate_sign: Literal["opening", "closing"] = "opening"
     rate_sigma_mps: Positive = 0.3
-    system_id: Annotated[SystemId | None, SELDOM] = None
+    system_id: SystemId | None = None
     component_id: ComponentId | None = None
-    min_range_m: Annotated[NotNegative, SELDOM] = 0.0
     max_range_m: Positive | None = None
-    stamp: Annotated[Literal["sensor", "arrival"], SELDOM] = "sensor"
-    resent: Annotated[bool, SELDOM] = False
+    stamp: Literal["sensor", "arrival"] = "sensor"
+    resent: bool = False
 
 
 class LinkTable(Table):
@@ -149,8 +164,9 @@ class LinkTable(Table):
 
     endpoint: Name
     peer: Addresses | None = None
-    component_id: Annotated[int, Field(ge=191, le=194), SELDOM] = 191  # MAV_COMP_ID_ONBOARD_COMPUTER .. 4
+    component_id: Annotated[int, Field(ge=191, le=194)] = 191  # MAV_COMP_ID_ONBOARD_COMPUTER .. 4
     wait_s: Positive = 30.0
+    unsigned_parameters: bool = False
     clock: Literal["local", "autopilot"] = "local"
     sim_speed: Annotated[float, Field(ge=0.01, le=100)] | None = None
 
@@ -159,8 +175,7 @@ class SigningTable(Table):
     """[signing]: MAVLink 2 message signing. key_file is relative to the mission file's folder."""
 
     key_file: Name
-    link_id: Annotated[int, Field(ge=0, le=255), SELDOM] = 0
-    accept_unsigned: Annotated[Literal[False, True, "ranging"], SELDOM] = False
+    accept_unsigned: Literal[False, True, "ranging"] = False
 
 
 class EngageTable(Table):
@@ -177,9 +192,7 @@ class LimitsTable(Table):
     stale_s: Annotated[float, Field(gt=0, le=MOST_STALE)] | None = None
     hold_s: NotNegative = 10.0
     unfollowed_s: NotNegative = 10.0
-    outage_s: Annotated[NotNegative, SELDOM] = 60.0
-    round_trip_s: Annotated[float, Field(gt=0, le=10), SELDOM] = 0.6
-    tick_hz: Annotated[float, Field(ge=5, le=100), SELDOM] = 20.0  # PX4 leaves OFFBOARD below 2 Hz
+    tick_hz: Annotated[float, Field(ge=5, le=100)] = 20.0  # PX4 leaves OFFBOARD below 2 Hz
 
 
 class ExitTable(Table):
@@ -201,7 +214,7 @@ class BoundsTable(Table):
 class LogTable(Table):
     """[log]"""
 
-    max_mb: Annotated[Positive, SELDOM] = 2000.0  # some 65 h
+    max_mb: Positive = 2000.0  # some 65 h
 
 
 class MissionFile(Table):

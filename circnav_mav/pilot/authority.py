@@ -145,7 +145,7 @@ class Authority:
             return ""
         if trip.typical is None:
             return "measuring the round trip to the vehicle (TIMESYNC)"
-        return f"link too slow: round trip {trip.typical:.2f} s (limits.round_trip_s = {most:g} s)"
+        return f"link too slow: round trip {trip.typical:.2f} s (at most {most:g} s, 1.2 times limits.stale_s)"
 
     def _not_flying(self, now: float) -> str:
         """An aircraft is not steered before it flies, for the first time or again; one that does not say whether it

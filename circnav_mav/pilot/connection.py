@@ -7,6 +7,7 @@ from pymavlink.dialects.v20 import all as dialect
 from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.codec import Decoder, Message
 from circnav_mav.mav.identity import AUTOPILOT_COMPONENT
+from circnav_mav.mav.parameter_server import REQUESTS
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, Session
 from circnav_mav.mav.signing import Signing
@@ -34,7 +35,7 @@ class Connection:
         self.decoders = {
             link: Decoder(
                 stream=link in settings.stream_links,
-                wanted=HANDLED | {self.ranging_message.id, *self.more_streams, *also},
+                wanted=HANDLED | REQUESTS | {self.ranging_message.id, *self.more_streams, *also},
                 signing=signing,
                 accept_unsigned=link in settings.unsigned_links,
             )

@@ -1,8 +1,10 @@
 """From an estimate to the bytes' meaning: law, turn-rate gain, choke point, the vehicle's message."""
 
+from dataclasses import replace
 from math import ceil, isfinite
 
 from circnav_mav.guidance.circle_change import MIN_INTERVAL, NEAR, SPEED_SHARE, CircleRequest, LapCounter, obstacle
+from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.lean_limit import LeanLimit
 from circnav_mav.guidance.step import Flies, Steering, compensate_turn_gain, holding
 from circnav_mav.guidance.turn_response import Response, TurnAnswer
@@ -26,6 +28,8 @@ DEAF_AFTER = 1.0
 DOUBTED_AFTER = 0.7
 """Time of not turning as commanded, s, after which its path is not counted: a turn that swings through zero is
 commanded and flown at different moments for as long."""
+RELATIVE = ("auto", "drift")
+"""Estimators of the relative motion."""
 DRIFT = Flies.DRIFT.name.lower()
 LONGEST_DELAY = 2.0
 """Most delay of the link, s, that the gains are made for."""
@@ -41,6 +45,7 @@ class Controller:
         self._settings = settings
         self.orbit = orbit
         """The circle that is flown now."""
+        self._tuning = settings.tuning
         self._steer = Steering(orbit, settings.law)
         self._later, self._laps = list(settings.later_radii), LapCounter()
         self._changed_at = float("-inf")
@@ -48,10 +53,7 @@ class Controller:
             Limits(
                 max_yaw_rate=orbit.max_turn_rate,
                 max_speed=orbit.speed * (1 if settings.circle_limits.keeps_speed else 1 + SPEED_SHARE),
-                max_yaw_acceleration=settings.max_yaw_acceleration,
                 max_bank=facts.max_bank,
-                max_pitch=facts.loops.max_pitch,
-                max_climb=facts.max_climb,
                 max_stick=ceil(facts.stick(facts.max_bank)),
             )
         )
@@ -68,6 +70,11 @@ class Controller:
         self._trim = 0.0
         self._steered: tuple[float, float] | None = None
         """Time, s, and range, m, of the last steered step."""
+
+    @property
+    def law(self) -> str:
+        """Name of the law that was chosen."""
+        return self._tuning.law
 
     @property
     def turn_gain(self) -> float:
@@ -149,12 +156,24 @@ class Controller:
         if why := obstacle(request, self.orbit, self._settings.circle_limits):
             return why
         try:
-            self._steer.change(wanted, self._settings.tuning.choice(wanted))
+            self._steer.change(wanted, self._tuning.choice(wanted))
         except ValueError as error:
             return str(error)
         if abs(wanted.radius / self.orbit.radius - 1) > NEAR or wanted.direction is not self.orbit.direction:
             self._trim = 0.0  # it was learned on the circle before
         self.orbit, self._changed_at = wanted, now
+        return ""
+
+    def change_law(self, name: str) -> str:
+        """Fly another law from now on, with its default gain. Return why it cannot be flown, empty if it is."""
+        if LAWS[name].flies_relative_motion and self._settings.estimator not in RELATIVE:
+            return f"law {name} needs estimator auto, the mission has {self._settings.estimator}"
+        tuning = replace(self._settings.tuning, law=name, gain=None)
+        try:
+            self._steer.change(self.orbit, tuning.choice(self.orbit))
+        except ValueError as error:
+            return str(error)
+        self._tuning = tuning
         return ""
 
     def setpoint(self, command: TurnCommand, session: Session, now: float) -> tuple[Message, YawRate]:
@@ -175,8 +194,7 @@ class Controller:
         return self._guard.check_message(session.adapter.safe_setpoint(state, now), session.adapter.shapes)
 
     def disengage(self) -> None:
-        """The vehicle is not ours any more: the next setpoint starts a new stream at a new height."""
-        self._guard.reset()
+        """End the stream: the next setpoint starts a new one, at a new height."""
         self._answer.reset()
         self._height, self._steered = None, None
 

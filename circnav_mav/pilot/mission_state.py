@@ -104,7 +104,9 @@ class Timing:
 class MissionState:
     """Moves through the phases, by events and in no other way."""
 
-    def __init__(self) -> None:
+    def __init__(self, hold: float = 10.0) -> None:
+        """hold: longest time without ranges, s."""
+        self.hold = hold
         self.phase = Phase.WAIT_LINK
         self.since = 0.0
         """When the phase began, s."""

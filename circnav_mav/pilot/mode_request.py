@@ -53,7 +53,7 @@ class ExitAction:
 
     def __init__(self, action: str | None) -> None:
         """action: name of a mode of the autopilot, STOP_SENDING, None for the autopilot's default."""
-        self._action = action
+        self.action = action
         self._request = ModeRequest()
         self._safe_left = SAFE_SETPOINTS
         self.failure: str | None = None
@@ -88,4 +88,4 @@ class ExitAction:
         return [once(session.adapter.request_mode(session.adapter.exits[action]), session.vehicle_ids)]
 
     def _named(self, session: Session) -> str:
-        return self._action or session.adapter.default_exit
+        return self.action or session.adapter.default_exit

@@ -9,47 +9,39 @@ ranges the orbit's own turn rate is held, then given up. The operator always win
 from collections import Counter
 from collections.abc import Hashable
 from dataclasses import replace
-from math import atan, degrees
 
 from pymavlink.dialects.v20.all import MAV_SEVERITY_NOTICE, MAV_SEVERITY_WARNING
 
 from circnav_mav.guidance.circle_change import CircleRequest
-from circnav_mav.guidance.side_slip import SideSlip
-from circnav_mav.guidance.types import Orbit, OwnMotion, RangeEstimate, TurnCommand
-from circnav_mav.guidance.velocity_loop import CopterMotion
+from circnav_mav.guidance.types import OwnMotion, RangeEstimate, TurnCommand
 from circnav_mav.guidance.watches import DriftAlarm, breach, watch_drift
-from circnav_mav.mav.autopilots.interface import turn_in
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.frames import GRAVITY, YawRate
+from circnav_mav.mav.frames import YawRate
 from circnav_mav.mav.identity import Allowance
-from circnav_mav.mav.session import LOST_AFTER
+from circnav_mav.mav.parameter_server import REQUESTS, ParameterServer
+from circnav_mav.mav.session import LOST_AFTER, Session
 from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
 from circnav_mav.mav.signing import Signing
-from circnav_mav.pilot.authority import SILENT, TAKEN_OVER, Allowed, Authority, unwatched
+from circnav_mav.pilot.air_path import AirPath
+from circnav_mav.pilot.authority import TAKEN_OVER, Allowed, Authority
+from circnav_mav.pilot.conditions import NOT_FOLLOWING, Conditions, circle
 from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.controller import Controller
-from circnav_mav.pilot.echo_watch import EchoWatch
 from circnav_mav.pilot.mission_state import Ending, Event, MissionState, Outcome, Phase
 from circnav_mav.pilot.mode_request import ExitAction
-from circnav_mav.pilot.range_tracker import HEARD, RangeTracker, TickScheduler
+from circnav_mav.pilot.parameters import FlightParameters
+from circnav_mav.pilot.range_tracker import RangeTracker
+from circnav_mav.pilot.rates import RateMeter, Rates
 from circnav_mav.pilot.record import StepTaken, TickRecord, plot_values, tick_record
+from circnav_mav.pilot.second_controller import SecondController
 from circnav_mav.pilot.settings import VEHICLE, OutputMode, PilotSettings
 from circnav_mav.pilot.status_text import StatusText
+from circnav_mav.pilot.tick_scheduler import TickScheduler
 
-ALARMS = frozenset(
-    (
-        *("drift", "cycle", "follows", "lean limit", "range trouble", "range rate trouble"),
-        *("sensor clock", "clock speed", "height", "bounds", "link", "flood", "second controller"),
-    )
-)
-"""Kinds of news that are said as a warning while they are so; charts mark every warning."""
-FOLLOWS_NOT, FOLLOWS_AGAIN = "vehicle does not follow turn commands", "vehicle follows turn commands again"
-UPLINK_SILENT = 3.0
-"""Time without an answer to TIMESYNC, s, after which the vehicle may have received no setpoint, and flies its own."""
 RECEIVES_AFTER = 3.0
 """Time, s, after the first answer in which a vehicle that was not reached gets back to what it is commanded."""
-FLOODED = 3.0
-"""Time, s, since something was last left unread, after which a flood is over."""
+
+UNSIGNED = "the link is not signed; to allow it: link.unsigned_parameters = true"
 
 
 class Pilot:
@@ -57,28 +49,33 @@ class Pilot:
 
     def __init__(self, settings: PilotSettings, signing: Signing | None = None) -> None:
         """signing: signs what is sent and tells who is believed; None: neither."""
-        self.settings = settings
-        self._flies = settings.output_mode is OutputMode.FLY
+        # The types are written out for `conditions`, which this module imports and which reads them.
+        self.settings: PilotSettings = settings
+        self.flies: bool = settings.output_mode is OutputMode.FLY
         self.connection = Connection(settings, signing)
-        self.session = session = self.connection.session
+        self.session: Session = self.connection.session
+        session = self.session
         self._say = session.announcer.say
-        self._said: dict[str, Hashable] = {"circle": id(settings.orbit)}
-        """What was said last of each kind of news. The circle by its identity: the same radius may come twice."""
-        self.tracker = RangeTracker(settings, session, self._say_news)
-        self.controller = Controller(settings)
-        self.mission = MissionState()
+        self.conditions = Conditions(session.announcer.say)
+        self.tracker: RangeTracker = RangeTracker(settings, session)
+        self.controller: Controller = Controller(settings)
+        self.mission: MissionState = MissionState(settings.timing.hold)
         self._authority = Authority(settings, session, self.mission)
         self._exit_action = ExitAction(settings.exit)
+        self.parameters = ParameterServer(
+            FlightParameters(self.controller, self.tracker.height, self._exit_action, session, self.mission).all()
+        )
+        """Values that a ground station may read and set."""
+        self._signed = signing is not None and VEHICLE not in settings.unsigned_links
         self.scheduler = TickScheduler(settings.timing.tick)
         self.status = StatusText(settings, self.connection, self.mission, self._authority, self.tracker)
-        self.why = ""
-        """Why the law flies that flies, for people."""
-        self.drift_alarm = DriftAlarm()
-        self.unwatched = ""
-        """What a bound goes by and the vehicle does not report, for people."""
-        self.allowance = Allowance()
-        self._echo = EchoWatch()
-        self._rivals: set[str] = set()
+        self.law: str = ""
+        self.why: str = ""
+        """The reason for the law chosen by `auto` or the search, human-readable; empty if the law is fixed."""
+        self.drift_alarm: DriftAlarm = DriftAlarm()
+        self.rates: RateMeter = RateMeter()
+        self.allowance: Allowance = Allowance()
+        self.second_controller: SecondController = SecondController(session, self.mission)
         self._unanswered_at = float("-inf")
         """When the vehicle last seemed not to receive us, s."""
         self.setpoints_sent = 0
@@ -86,9 +83,7 @@ class Pilot:
         self._taken: StepTaken | None = None
         """The newest step, until all is said that follows it."""
         self._frames: list[bytes] = []
-        self._copter_motion, self._side_slip = CopterMotion(), SideSlip()
-        self.own: OwnMotion | None = None
-        """The newest motion through the air, as the estimators have it; None before an attitude was heard."""
+        self.path: AirPath = AirPath(session, self.tracker, self.controller)
 
     # --- in: every message that arrives -----------------------------------------------------------------------------
 
@@ -98,8 +93,10 @@ class Pilot:
             return
         for message, of_vehicle, of_ranging in self.connection.receive(data, now, source, link):
             if of_vehicle:
-                self._take_motion(message, now)
-                self._take_echo(message, now)
+                self.path.receive(message, now, steering=self.mission.steering, flies=self.flies)
+                self.second_controller.receive(message, now)
+            elif link == VEHICLE and message.get_msgId() in REQUESTS:
+                self._take_parameter_request(message, now, source)
             if of_ranging:
                 self._take_range(message, now, source)
         self._frames += self.connection.decoders[link].frames
@@ -128,55 +125,20 @@ class Pilot:
         trusted |= link == self.connection.ranging_link and radio is not None and source == radio.source
         return unknown or trusted or self.allowance.take(size, now)
 
+    def _take_parameter_request(self, message: Message, now: float, source: Hashable) -> None:
+        """Answer a ground station. Its frames come by way of the vehicle; from elsewhere they are a stranger's."""
+        if source != self.session.reply_to:
+            return
+        refusal = "" if self._signed or self.settings.unsigned_parameters else UNSIGNED
+        refusal = "the flight is over" if self.mission.outcome is not None else refusal
+        if why := self.parameters.receive(message, self.session.us, refusal, now):
+            self._say("parameter", why, severity=MAV_SEVERITY_WARNING)
+
     def _take_range(self, message: Message, now: float, source: Hashable) -> None:
         mission, stalled = self.mission, self._authority.may_be_backlog(now)
-        self.tracker.ranging.moving = mission.steering and self._flies
+        self.tracker.ranging.moving = mission.steering and self.flies
         if self.tracker.receive(message, now, source, stalled=stalled, begun=mission.begun):
             self.scheduler.heard(now)
-
-    def _take_echo(self, message: Message, now: float) -> None:
-        """Compare the setpoint that the vehicle reports with ours. While it answers no TIMESYNC it may not receive us,
-        and flies a setpoint of its own."""
-        adapter, timesync = self.session.adapter, self.session.timesync
-        if message.get_msgId() == adapter.echo and not timesync.silent(now, UPLINK_SILENT):
-            self._echo.reported(turn_in(message), now, timesync.worst or 0.0, limited=adapter.banks)
-
-    def _take_motion(self, message: Message, now: float) -> None:
-        """Own motion teaches the height, the turn-rate gain, and estimators that know where the vehicle is heading."""
-        adapter, motion, height = self.session.adapter, self.session.motion, self.tracker.height
-        is_attitude = motion.receive(message, now)
-        if message.get_type() in HEARD:
-            height.hear(message, motion.at(now).altitude, now)
-        if not is_attitude:
-            return
-        own = nose = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
-        if own is None or nose is None:
-            return
-        if not adapter.flies:  # its tilt is the ground's, and pushes nothing
-            own = own._replace(push=None)
-        if adapter.velocity_loop is not None and self.mission.steering:
-            self._copter_motion, own = self._copter_motion.follow(own, adapter.velocity_loop)
-            self.controller.drag = self._copter_motion.drag
-        else:
-            self._copter_motion = self._copter_motion.stand()
-            self._side_slip, own = self._side_slip.follow(own)
-        self.own = own
-        self.controller.on_motion(own, nose)
-        # a vehicle whose airspeed nobody measures has the commanded one while it flies as commanded; whose setpoints
-        # are another's (a dry run) is taken to do so while it turns as we would command
-        follows = self.controller.at_speed if self._flies else self.controller.followed
-        if adapter.measures_airspeed or (self.mission.steering and follows):
-            self.tracker.estimator.move(own)
-
-    def _airspeed(self, now: float) -> float:
-        """True; as measured, where that can be; else the commanded speed, which the vehicle has while it is ours."""
-        adapter, motion = self.session.adapter, self.session.motion.at(now)
-        measured = motion.airspeed if adapter.measures_airspeed else None
-        believed = adapter.airspeed(measured)
-        # on the ground it is no wonder
-        if measured is not None and measured != believed and self.mission.steering:
-            self._say_news("airspeed", True, f"airspeed {measured:.1f} m/s implausible, ignored")
-        return motion.true_airspeed(believed) if adapter.measures_airspeed else self.controller.speed
 
     # --- out: one step ----------------------------------------------------------------------------------------------
 
@@ -205,8 +167,8 @@ class Pilot:
         desired = self.controller.orbit.radius
         command = self.controller.command(self.mission.phase, estimate, self.session.timesync.worst, now)
         message, sent = self._setpoint(command, now)
-        if message is not None and (turn := turn_in(message)) is not None:
-            self._echo.sent(turn, now)
+        if message is not None:
+            self.second_controller.sent(message, now)
         self._taken = StepTaken(now, self.mission.phase, estimate, command, message is not None, sent, desired)
         return b"" if message is None else self.session.encode(message)
 
@@ -219,7 +181,7 @@ class Pilot:
         self.scheduler.stepped(now)
         if step.sent is not None:
             self.controller.commanded(step.sent, now)
-        self._say_what_is_new(step.estimate, step.command, now)
+        self._watch_conditions(step.estimate, step.command, now)
         said = b"".join(map(self.session.encode, self._housekeeping(step.estimate, step.command, now)))
         record = tick_record(step, self.session, self.tracker, self.controller, self.settings.law.name)
         self._records.append(record)
@@ -291,7 +253,7 @@ class Pilot:
             self._unanswered_at = now
         if now - self._unanswered_at < RECEIVES_AFTER:
             turns.reset()
-            self._said["follows"] = False
+            self.conditions.forget(NOT_FOLLOWING)
         if self.mission.steering and not turns.follows and now - turns.since > most:
             self._finish(Outcome(Ending.ABORTED, f"vehicle did not follow turn commands for {most:g} s"), now)
 
@@ -299,10 +261,7 @@ class Pilot:
         good = self.tracker.good(estimate, now, holding=self.mission.phase is Phase.HOLDING)
         if self.mission.phase is Phase.WAIT_RANGING and self.session.missing(now):
             return
-        steering = self.mission.steering
-        if self.mission.happened(Event.RANGE_GOOD if good else Event.RANGE_LOST, now) and steering:
-            severity = MAV_SEVERITY_NOTICE if good else MAV_SEVERITY_WARNING
-            self._say("range", "range regained" if good else "range lost, holding", severity=severity)
+        self.mission.happened(Event.RANGE_GOOD if good else Event.RANGE_LOST, now)
 
     def _watch_engagement(self, now: float) -> None:
         if self.mission.steering or self.mission.phase is Phase.LEAVING or not self._authority.certain:
@@ -317,12 +276,12 @@ class Pilot:
 
     def _engage(self, now: float) -> None:
         self.mission.engage(now)
-        self.tracker.ranging.sender_stays = self._flies
-        self.session.identity.stays |= self._flies
-        if self._flies:  # a dry run may begin on the ground, far from the height that is told
+        self.tracker.ranging.sender_stays = self.flies
+        self.session.identity.stays |= self.flies
+        if self.flies:  # a dry run may begin on the ground, far from the height that is told
             self.tracker.height.engage()
         self.session.drop_mode_requests()
-        self._say("engage", f"{'engaged' if self._flies else 'dry run'}, {_circle(self.controller.orbit)}")
+        self._say("engage", f"{'engaged' if self.flies else 'dry run'}, {circle(self.controller.orbit)}")
 
     def _finish(self, outcome: Outcome, now: float) -> None:
         if self.mission.finish(outcome, now, ours=self._authority.may_be_ours(now)):
@@ -352,7 +311,7 @@ class Pilot:
         """The safe setpoint until the exit action shows in the vehicle's mode, or some times over; then silence."""
         mission, exit_action = self.mission, self._exit_action
         if allowed is Allowed.NOTHING:
-            ours = self._flies and self._authority.may_be_ours(now)
+            ours = self.flies and self._authority.may_be_ours(now)
             over = not ours or exit_action.wait_to_speak(mission.since, now)
         else:
             over = exit_action.go_on(self.session, mission.since, now)
@@ -385,68 +344,23 @@ class Pilot:
             return self.session.heartbeats_due(now) + plots
         if self.done:
             self.session.drop_mode_requests()
+        plots += self.parameters.replies()
         return self.session.poll(now) + plots + (self.session.farewell() if self.done else [])
 
     def hello(self, now: float) -> bytes:
         """What goes out on a separate ranging link."""
         return b"" if self.done else self.connection.hello(now)
 
-    def _say_what_is_new(self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float) -> None:
-        """Say once each time it begins: that somebody else uses the vehicle's name, ours or the radio's; that the drift
-        is more than the circle allows (and that it no longer is); the next circle; another law, and why; that the gains
-        were lowered, for the command swings; and how far the vehicle banks, where that is less than commanded."""
-        controller = self.controller
-        rivals = {line.partition(" has ")[0] for line in self.session.identity.rivals.recent(now)}
-        for name in sorted(rivals - self._rivals):
-            self._say(f"rival of {name}", f"{name}: second sender rejected", severity=MAV_SEVERITY_WARNING)
-        self._rivals = rivals
-        self.drift_alarm = alarm = watch_drift(self.drift_alarm, estimate, controller.orbit, controller.most_turn)
-        self._say_news("drift", alarm.on, alarm.text)
-        self._say_news("circle", id(controller.orbit), f"next circle, {_circle(controller.orbit)}")
+    def _watch_conditions(self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float) -> None:
+        """Bring the table of conditions up to date, and what it is made of."""
+        tracker, controller = self.tracker, self.controller
+        self.drift_alarm = watch_drift(self.drift_alarm, estimate, controller.orbit, controller.most_turn)
         if command is not None and command.flies:
-            self.why = command.why
-            if self._flies:
-                self._say_news("law", command.flies, command.why)
-        cut = f"limit cycle, gains reduced to {100 * controller.turns.share:.0f} %"
-        self._say_news("cycle", controller.turns.cycles, cut)
-        limit, own = controller.bank_limit, self.own
-        if limit is not None and own is not None:
-            bank = degrees(atan(limit * own.airspeed / GRAVITY))
-            self._say_news("bank limit", True, f"vehicle banks {bank:.0f} deg at most")
-        if (lean := controller.lean).share < 1:
-            angle = degrees(atan(lean.found / GRAVITY))
-            self._say_news("lean limit", lean.share, f"leans {angle:.0f} deg at most, speed {controller.speed:.1f} m/s")
-        follows = controller.turns.follows
-        self._say_news("follows", not follows, FOLLOWS_AGAIN if follows else FOLLOWS_NOT)
-        self._say_trouble(now)
-
-    def _say_trouble(self, now: float) -> None:
-        """Say what is wrong with what is heard, and that it no longer is."""
-        if self.session.up:
-            silent = self.session.heartbeat_age(now) > SILENT
-            self._say_news("link", silent, "vehicle silent" if silent else "vehicle heard again")
-        stepped = self.tracker.ranging.clock.doubted
-        self._say_news("sensor clock", stepped, f"sensor clock {'stepped' if stepped else 'runs steadily again'}")
-        speed = self.session.clock_speed.found or 1.0
-        self._say_news("clock speed", speed != 1.0, f"autopilot clock runs {speed:.2g} times as fast as ours")
-        height = self.tracker.height.trouble(now).partition(":")[0].lower()
-        self._say_news("height", height or False, height or "altitude counts again")
-        flooded = now - self.allowance.dropped_at < FLOODED
-        if self.mission.steering and self.session.up:
-            self.unwatched = lost = unwatched(self.settings, self.session, now)
-            self._say_news("bounds", lost or False, lost.partition(":")[0] or "bounds watched again")
-        second = bool(self.second_controller(now))
-        self._say_news(
-            "second controller", second, "another program steers, too" if second else "another program no longer steers"
-        )
-        self._say_news("flood", flooded, "flood, others are not read" if flooded else "flood over")
-
-    def _say_news(self, kind: str, news: Hashable, text: str) -> None:
-        """Say what has changed since it was said last, or is so for the first time."""
-        if news != self._said.get(kind, False):
-            self._said[kind] = news
-            alarming = bool(news) and kind in ALARMS
-            self._say(kind, text, severity=MAV_SEVERITY_WARNING if alarming else MAV_SEVERITY_NOTICE)
+            self.law, self.why = command.flies, command.why
+        frames = self.connection.counts[VEHICLE].frames
+        counts = Rates(frames, tracker.accepted, tracker.ranging.unexplained, self.setpoints_sent)
+        self.rates.take(now, counts, steering=self.mission.steering)
+        self.conditions.update(self, now)
 
     # --- what is known of it ----------------------------------------------------------------------------------------
 
@@ -456,6 +370,11 @@ class Pilot:
         return self.mission.phase is Phase.ENDED
 
     @property
+    def own(self) -> OwnMotion | None:
+        """The newest motion through the air, None before an attitude was received."""
+        return self.path.own
+
+    @property
     def believed(self) -> str:
         """Who is believed to be the vehicle and its radio, and from where, for people; empty while nobody is."""
         peer, radio = self.session.peer, self.tracker.ranging.trusted
@@ -463,17 +382,6 @@ class Pilot:
             return str(peer or "")
         apart = radio.source != peer.source
         return f"{peer}, ranges of {radio if apart else f'{radio.system}/{radio.component}'}"
-
-    def second_controller(self, now: float) -> str:
-        """Return how it shows that another program steers the vehicle, human-readable; empty if nothing shows it."""
-        if self.session.commands.answered_unasked(now):
-            return "the vehicle answers commands in our name that we did not send"
-        if not self.mission.steering or (turns := self._echo.other(now)) is None:
-            return ""
-        unit = "deg of bank" if self.session.adapter.banks else "deg/s"
-        reported, sent = turns
-        flown = "another kind of setpoint" if reported is None else f"{degrees(reported):+.0f} {unit}"
-        return f"the vehicle flies {flown}, commanded {degrees(sent):+.0f} {unit}"
 
     def frames_refused(self) -> Counter[str]:
         """Frames that were not believed on any link, by what was wrong with their signature."""
@@ -488,8 +396,3 @@ class Pilot:
         """The whole frames that came in since the last call, on any link."""
         frames, self._frames = self._frames, []
         return frames
-
-
-def _circle(orbit: Orbit) -> str:
-    """Short enough for a STATUSTEXT."""
-    return f"{orbit.radius:g} m {orbit.direction.value}"

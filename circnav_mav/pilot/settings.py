@@ -53,6 +53,7 @@ class PilotSettings:
     stream_links: links that are byte streams (TCP, serial), not datagrams. unsigned_links: those on which unsigned
     frames are believed even where there is a signing key. height: what is said of it, above the target. later_radii:
     of the circles after the first, m. tuning: the law on any circle. circle_limits: of a change of the circle.
+    unsigned_parameters: accept PARAM_SET on a link that is not signed.
     """
 
     orbit: Orbit
@@ -74,13 +75,13 @@ class PilotSettings:
     request_mode: bool = False
     end_on_takeover: bool = True
     exit: str | None = None
-    max_yaw_acceleration: float | None = None
     output_mode: OutputMode = OutputMode.FLY
     ranging_apart: bool = False
     stream_links: frozenset[str] = frozenset()
     unsigned_links: frozenset[str] = frozenset()
     height: HeightSettings = field(default_factory=HeightSettings)
     later_radii: tuple[float, ...] = ()
+    unsigned_parameters: bool = False
 
     @property
     def circles(self) -> str:

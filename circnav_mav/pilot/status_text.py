@@ -41,7 +41,7 @@ class StatusText:
                 flown = "flown" if self.settings.output_mode is OutputMode.FLY else "dry run"
                 return Outcome(Ending.COMPLETED, f"{flown} to its end")
             return Outcome(Ending.ABORTED, f"time ran out while {mission.phase.value}{self._what_is_gone(now)}")
-        if mission.phase is Phase.HOLDING and waited > timing.hold:
+        if mission.phase is Phase.HOLDING and waited > mission.hold:
             return Outcome(Ending.ABORTED, self._why_held(now))
         if mission.lost_at is not None and now - mission.lost_at > timing.outage:
             return Outcome(Ending.ABORTED, f"no vehicle or no ranging for {timing.outage:.0f} s")

@@ -20,7 +20,7 @@ from circnav_mav.mav.ranging.reader import RangeRateReader, RangeReader
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import TextReader, plain_text
 from circnav_mav.pilot.connection import Connection
-from circnav_mav.pilot.range_tracker import Height
+from circnav_mav.pilot.height import Height
 from circnav_mav.pilot.settings import VEHICLE, PilotSettings
 
 TICK = 0.05

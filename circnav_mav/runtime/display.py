@@ -48,7 +48,7 @@ class PlainScreen:
         waits, self._waits = self._waits, kind(status.waits)
         if self._waits == waits:
             self._print_new("WAITING", status.waits, waits)
-        for alarm in self._alarms.of(status.alarms):
+        for alarm in self._alarms.of(status.conditions).values():
             self._print(f"  ALARM    {alarm}")
 
     def close(self) -> None:

@@ -12,6 +12,7 @@ from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Pilot, TickRecord
+from circnav_mav.pilot.conditions import EXTRA_STOPPED
 from circnav_mav.pilot.loop_step import LoopStep
 
 
@@ -44,9 +45,9 @@ class Onlooker:
         """Return lines for the display and the live page, by their labels."""
         return {}
 
-    def alarms(self, now: float) -> Sequence[str]:
-        """Return what is wrong now."""
-        return ()
+    def alarms(self, now: float) -> Mapping[str, str]:
+        """Return the alarms of now by name: rows of the extra's own table of conditions."""
+        return {}
 
     def finish(self, summary: dict[str, Any]) -> Mapping[str, str]:
         """Add to the summary, lines of the verdict to summary["notes"]. Return files for the run folder, by name."""
@@ -117,12 +118,12 @@ class Onlookers:
             lines |= self._guarded(onlooker, _at(now), onlooker.facts, now) or {}
         return lines
 
-    def alarms(self, now: float) -> list[str]:
-        """Return the alarms of all onlookers, and which of them have failed."""
-        alarms: list[str] = []
+    def alarms(self, now: float) -> dict[str, str]:
+        """Return the alarms of all onlookers by name, and which onlookers have failed."""
+        alarms: dict[str, str] = {}
         for onlooker in self._working():
-            alarms += self._guarded(onlooker, _at(now), onlooker.alarms, now) or ()
-        return [*alarms, *self.problems]
+            alarms |= self._guarded(onlooker, _at(now), onlooker.alarms, now) or {}
+        return alarms | (EXTRA_STOPPED.alarm(problem="; ".join(self.problems)) if self.problems else {})
 
     def finish(self, summary: dict[str, Any]) -> dict[str, str]:
         """Let every onlooker add to the summary. Return the files for the run folder, by name."""

@@ -164,7 +164,7 @@ def test_an_onlooker_is_shown_the_flight_and_one_that_fails_ends_nothing_and_is_
     )
     assert "report.html: circnav_mav.extras.broken.parts:report_section: left out: division by zero\n" in printed
     summary = json.loads((run / "summary.json").read_text())
-    assert [alarm["text"] for alarm in summary["alarms"]] == [failed]
+    assert [(alarm["name"], alarm["text"]) for alarm in summary["alarms"]] == [("extra_stopped", failed)]
     assert summary["sight"]["steps"] > 100
     assert {"engaged", "ended"} <= set((run / "sight.txt").read_text().split())
     page = (run / "report.html").read_text()

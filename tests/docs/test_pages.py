@@ -15,7 +15,6 @@ from circnav_mav.cli.exits import Exit
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
 from circnav_mav.mission.load import whole_schema
-from circnav_mav.mission.schema import SELDOM
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog.summary import FlightFacts, summarise
 from circnav_mav.runlog.ticks import NO_TICKS
@@ -81,14 +80,11 @@ WORKED_OUT = ("bounds.max_range_m", "limits.stale_s")
 
 
 def test_the_mission_page_has_every_key_with_its_default():
-    page, seldom = (DOCS / "mission.md").read_text().split("### Seldom set")
+    page = (DOCS / "mission.md").read_text()
     told = dict(re.findall(r"^\| `([a-z_0-9.]+)` \| ([^|]+?) \|", page, re.MULTILINE))
-    for names, defaults in re.findall(r"^\| (`.+) \| ([^:]+):", seldom, re.MULTILINE):
-        told |= zip(re.findall(r"`(.+?)`", names), defaults.replace("none", "-").split(", "), strict=True)
     keys = dict(keys_of(whole_schema()))
     for key, field in keys.items():
         default = field.default
-        assert (f"`{key}`" in seldom) is (SELDOM in field.metadata), key
         if field.is_required():
             assert told[key].startswith("needed"), key
         elif default is None:

@@ -36,7 +36,7 @@ def flown_with_another(mission, until=BEGINS + 6.0):
         for frame in sent if flown.now >= BEGINS else ():
             if message_id(frame) in SETPOINT_IDS:
                 flown.vehicle.receive(turning_the_other_way(frame))
-        if words := flown.pilot.second_controller(flown.now):
+        if words := flown.pilot.second_controller.evidence(flown.now):
             told.setdefault(words.partition(",")[0], flown.now)
 
     flown.fly(until, other)

@@ -34,7 +34,7 @@ class Stage:
         """Our application, once it is engaged."""
         process = self.start(
             *("-m", "circnav_mav", "fly", self._mission, "--endpoint", f"udpout:127.0.0.1:{self.port}"),
-            *("--duration", "600", "--out", str(self._folder)),
+            *("--duration", "600", "--out", str(self._folder), "--set", "link.unsigned_parameters=true"),
         )
         read_until(process, "engaged")
         return process
@@ -61,7 +61,7 @@ def mavproxy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_mavproxy_sees_the_copter_and_its_mode_command_ends_our_flight(stage, mavproxy, tmp_path):
+def test_mavproxy_sees_the_copter_changes_our_radius_and_its_mode_command_ends_our_flight(stage, mavproxy, tmp_path):
     on = stage("arducopter")
     ours = on.fly()
     station = on.start(
@@ -74,15 +74,23 @@ def test_mavproxy_sees_the_copter_and_its_mode_command_ends_our_flight(stage, ma
     assert "Detected vehicle 1:1" in said
     assert "ARMED" in said
     assert "GUIDED> Mode GUIDED" in said
-    station.stdin.write("status VFR_HUD\nmode BRAKE\n")
+    # its parameter editor lists our values, and another radius is flown
+    station.stdin.write("vehicle 1:191\nparam fetch\n")
+    station.stdin.flush()
+    read_until(station, "Received 7 parameters")
+    station.stdin.write("param set CN_RADIUS 40\n")
+    station.stdin.flush()
+    read_until(station, "circnav: next circle, 40 m clockwise")
+    station.stdin.write("vehicle 1:1\nstatus VFR_HUD\nmode BRAKE\n")
     station.stdin.flush()
     read_until(station, "Mode BRAKE")
     assert on.verdict(ours) == (4, "taken over, GUIDED left for BRAKE: operator or failsafe")
 
 
-def test_mavsdk_sees_the_px4_copter_and_its_hold_ends_our_flight(stage: Callable[[str], Stage]) -> None:
+def test_mavsdk_sees_the_px4_copter_sets_our_radius_and_its_hold_ends_our_flight(stage: Callable[[str], Stage]) -> None:
     mavsdk = pytest.importorskip("mavsdk")
     from mavsdk.plugins.action import Action
+    from mavsdk.plugins.param import Param, ParamError, ProtocolVersion
     from mavsdk.plugins.telemetry import FlightMode, Telemetry
 
     on = stage("px4_copter")
@@ -95,6 +103,12 @@ def test_mavsdk_sees_the_px4_copter_and_its_hold_ends_our_flight(stage: Callable
         telemetry = Telemetry(system)
         until(lambda: telemetry.armed() and telemetry.flight_mode() == FlightMode.OFFBOARD)
         until(lambda: telemetry.position().relative_altitude_m > 10)
+        editor = Param(system)
+        with contextlib.suppress(ParamError):  # it does select, and reports UNKNOWN
+            editor.select_component(191, ProtocolVersion.V1)
+        assert editor.get_param_float("CN_RADIUS") == 50.0
+        editor.set_param_float("CN_RADIUS", 60.0)
+        assert editor.get_param_float("CN_RADIUS") == 60.0
         Action(system).hold()
         assert on.verdict(ours) == (4, "taken over, OFFBOARD left for AUTO.LOITER: operator or failsafe")
     finally:

@@ -392,13 +392,13 @@ def test_answers_to_commands_in_our_name_that_nothing_of_ours_asked_for_are_alar
         for _ in range(2):
             rig.pilot.receive(answer, rig.now, rig.source)
     rig.run(1.0)
-    assert rig.pilot.second_controller(rig.now) == ""
+    assert rig.pilot.second_controller.evidence(rig.now) == ""
     for target, shown in (((255, 190), False), ((1, 193), False), ((0, 0), False), ((1, 191), True)):
         for _ in range(2):
             rig.hear(mavlink.MAVLink_command_ack_message(511, 0, 0, 0, *target))
-        assert bool(rig.pilot.second_controller(rig.now)) is shown
+        assert bool(rig.pilot.second_controller.evidence(rig.now)) is shown
     rig.run(11.0)
-    assert rig.pilot.second_controller(rig.now) == ""
+    assert rig.pilot.second_controller.evidence(rig.now) == ""
     assert [text for text in rig.texts() if "another program" in text] == [
         "circnav: another program steers, too",
         "circnav: another program no longer steers",

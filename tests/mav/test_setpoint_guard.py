@@ -13,7 +13,6 @@ from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.setpoint_guard import Limits, SetpointGuard, Steer, UnsafeSetpointError
 
 LIMITS = Limits(max_yaw_rate=0.35, max_speed=15.0)
-SLEWED = replace(LIMITS, max_yaw_acceleration=0.5)
 FOR = Addressee(1, 1, Motion(airspeed=15.0), None)
 FLOATS = ("x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate")
 
@@ -62,18 +61,7 @@ def test_no_field_of_a_message_may_be_no_number(copter, message, field, number):
         SetpointGuard(LIMITS).check_message(message, copter.shapes)
 
 
-@pytest.mark.parametrize("sign", [1, -1])
-def test_a_turn_changes_no_faster_than_the_mission_allows_nor_while_time_stands_still_or_steps_back(sign):
-    """0.5 rad/s^2 over 0.1 s: 0.05 rad/s a step, both ways, and the goal is met exactly. The first is not held back."""
-    guard = SetpointGuard(SLEWED)
-    rates = [guard.admit(steer(rate), 0.1 * i).yaw_rate for i, rate in enumerate([sign * 0.3, *[sign * 0.18] * 4])]
-    assert rates == pytest.approx([sign * rate for rate in (0.3, 0.25, 0.20, 0.18, 0.18)])
-    assert [guard.admit(steer(-sign * 0.3), now).yaw_rate for now in (0.4, 0.3)] == [sign * 0.18] * 2
-    guard.reset()
-    assert guard.admit(steer(-sign * 0.3), 0.6).yaw_rate == -sign * 0.3
-
-
-def test_without_a_limit_of_the_mission_any_turn_within_the_limits_passes_at_once():
+def test_any_turn_within_the_limits_passes_at_once():
     guard = SetpointGuard(LIMITS)
     wanted = [steer(-0.35), steer(0.35, 0.0), steer(0.1, 7.5)]
     assert [guard.admit(one, 0.001 * i) for i, one in enumerate(wanted)] == wanted
@@ -81,7 +69,7 @@ def test_without_a_limit_of_the_mission_any_turn_within_the_limits_passes_at_onc
 
 # --- what each kind of message may ask for ---
 
-ALL = Limits(max_yaw_rate=0.35, max_speed=15.0, max_bank=0.7, max_pitch=0.26, max_climb=1.0)
+ALL = Limits(max_yaw_rate=0.35, max_speed=15.0, max_bank=0.7)
 VELOCITY = [("ardupilot", "copter"), ("ardupilot", "rover"), ("px4", "copter")]
 ATTITUDE = [("ardupilot", "plane"), ("px4", "plane attitude")]
 STICK = [("px4", "plane")]
@@ -136,7 +124,7 @@ def test_the_messages_of_every_vehicle_are_judged_and_the_stick_goes_no_farther_
     assert [passes(*STICK, tight, y=y) for y in (800, -800, 801, -801)] == [True, True, False, False]
 
 
-@pytest.mark.parametrize(("angle", "most"), [("roll", 0.7), ("roll", -0.7), ("pitch", 0.26), ("pitch", -0.26)])
+@pytest.mark.parametrize(("angle", "most"), [("roll", 0.7), ("roll", -0.7), ("pitch", 0.2617), ("pitch", -0.2617)])
 @pytest.mark.parametrize("key", ATTITUDE)
 def test_bank_and_pitch_of_a_setpoint_have_a_bound_each(key, angle, most):
     q, beyond = (

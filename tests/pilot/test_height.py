@@ -4,8 +4,8 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot import OutputMode
+from circnav_mav.pilot.height import Height
 from circnav_mav.pilot.mission_state import Phase
-from circnav_mav.pilot.range_tracker import Height
 from circnav_mav.pilot.settings import HeightSettings
 from tests.rig import vfr_hud
 
@@ -68,8 +68,8 @@ def test_in_flight_the_last_height_holds_when_no_altitude_comes_and_that_is_an_a
     climb = Climb(ABSOLUTE)
     climb.height.engage()
     assert climb.at(562.0) == climb.height.at(climb.now + 60.0) == 62.0
-    assert climb.height.trouble(climb.now) == ""
-    assert climb.height.trouble(climb.now + 2.0) == "ALTITUDE NOT HEARD: height above the target held at 62.0 m"
+    assert climb.height.held(climb.now) is None
+    assert climb.height.held(climb.now + 2.0) == 62.0
 
 
 def test_an_altitude_that_jumps_in_flight_is_no_height_and_a_glitch_leaves_nothing():
@@ -78,9 +78,9 @@ def test_an_altitude_that_jumps_in_flight_is_no_height_and_a_glitch_leaves_nothi
     assert [climb.at(0.0), climb.at(530.0)] == [-500.0, 30.0]  # its home is set on the ground
     climb.height.engage()
     assert [climb.at(534.0), climb.at(560.0), climb.at(561.0)] == [34.0, 34.0, 35.0]
-    assert climb.height.trouble(climb.now).startswith("ALTITUDE JUMPED by +26.0 m")
+    assert climb.height.jump == 26.0
     assert [climb.at(535.0), climb.at(535.5)] == [35.0, 35.5]
-    assert climb.height.trouble(climb.now) == ""
+    assert climb.height.jump == 0.0
 
 
 def test_an_altitude_that_jumps_and_comes_back_by_and_by_is_the_height_again():
@@ -91,7 +91,7 @@ def test_an_altitude_that_jumps_and_comes_back_by_and_by_is_the_height_again():
     for step in range(20):
         climb.at(567.8 + min(0.6 * step, 4.6))
     assert climb.at(572.4) == pytest.approx(72.4)
-    assert climb.height.trouble(climb.now) == ""
+    assert climb.height.jump == 0.0
 
 
 def test_of_home_only_the_altitude_is_read(make_rig):

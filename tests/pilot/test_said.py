@@ -48,7 +48,7 @@ def test_an_alarm_is_said_once_as_a_warning_and_its_end_as_news(rig):
     said = [(text.severity, text.text.removeprefix("circnav: ")) for text in rig.of("STATUSTEXT", since)]
     taken = "taken over, GUIDED left for LOITER"
     ended = f"ended, {taken}: operator or failsafe"
-    assert said[:4] == [(4, "vehicle silent"), (5, "vehicle heard again"), (4, taken), (5, ended[:41])]
+    assert said[:4] == [(4, "link silent"), (5, "link restored"), (4, taken), (5, ended[:41])]
 
 
 def test_the_ground_station_is_told_which_law_flies_and_of_no_outage_or_drift_where_there_is_none():

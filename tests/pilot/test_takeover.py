@@ -267,12 +267,3 @@ def test_after_a_takeover_another_radio_may_take_the_place_of_ours(waiting):
     waiting.run(6.0, mode=LOITER, ranges=False)
     waiting.run(5.0, lambda: waiting.tick % 2 and waiting.range(voice=other), mode=GUIDED)
     assert waiting.pilot.mission.phase is Phase.ENGAGED
-
-
-def test_the_first_setpoint_after_a_takeover_is_not_slewed_from_the_last_one_before_it():
-    """0.05 rad/s^2 over the 2 s that the operator had it would leave 0.25 rad/s of the turn that was flown before."""
-    rig = Rig(end_on_takeover=False, max_yaw_acceleration=0.05).engage(range_cm=59000)
-    assert rig.setpoints()[-1].yaw_rate == pytest.approx(0.35)
-    since = rig.run(1.0, mode=LOITER, range_cm=5000).now
-    rig.run(2.0, mode=GUIDED)
-    assert rig.setpoints(since)[0].yaw_rate == 0.0, "inside the circle it is straight on"

@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from circnav_mav.pilot.range_tracker import TickScheduler
+from circnav_mav.pilot.tick_scheduler import TickScheduler
 
 TICK = 0.05
 

@@ -22,7 +22,7 @@ class Sound(Onlooker):
         return {"place": "known"}
 
     def alarms(self, now):
-        return ["SOUND: loud"]
+        return {"sound": "SOUND: loud"}
 
     def finish(self, summary):
         summary["notes"].append("  sound")
@@ -69,7 +69,7 @@ def test_one_that_fails_is_reported_once_and_shown_no_more_and_the_others_go_on(
     assert (sound.steps, frames, sound.closed) == ([1.0, 2.0, 3.0], [b"frame"] * 3, True)
     assert (files, notes) == ({"sound.txt": "heard"}, ["  sound"])
     assert problems == [f"broken: stopped{when}: ValueError('Out of range float values are not JSON compliant')"]
-    assert seen[0] == {"place": "known"} and "SOUND: loud" in seen[1]
+    assert seen[0] == {"place": "known"} and seen[1]["sound"] == "SOUND: loud"
 
 
 def test_one_that_has_failed_is_an_alarm_and_shown_no_further_step():
@@ -87,7 +87,7 @@ def test_one_that_has_failed_is_an_alarm_and_shown_no_further_step():
         assert onlookers.on_step(None, LoopStep(moment), None) == []
         assert bool(onlookers.alarms(moment)) == (moment > 1.0)
     assert tries == [1.0, 2.0]
-    assert onlookers.alarms(3.0) == onlookers.problems
+    assert list(onlookers.alarms(3.0).values()) == onlookers.problems
 
 
 def test_the_slowest_pace_that_an_onlooker_asks_for_is_flown():

@@ -59,11 +59,10 @@ class RateNoise:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What a receiver makes of ranges; numbers or arrays (B,), m. sigma: standard deviation said or assumed. least,
-    most: ranges that count. height: above the target, by which slant ranges are made horizontal."""
+    """What a receiver makes of ranges; numbers or arrays (B,), m. sigma: standard deviation, reported or assumed.
+    most: largest range that counts. height: above the target, by which slant ranges are made horizontal."""
 
     sigma: Array
-    least: Array = 0.0
     most: Array = np.inf
     height: Array = 0.0
 
@@ -119,7 +118,7 @@ class Radio:
         z, reading = np.maximum(z, 0.0), self._reading
         rho = np.sqrt(np.maximum(z**2 - reading.height**2, 1e-9))
         growth = np.where(reading.height > 0, z / rho, 1.0)
-        counts = (z > 0) & (z >= reading.least) & (z <= reading.most) & (growth <= MAX_SIGMA_GROWTH)
+        counts = (z > 0) & (z <= reading.most) & (growth <= MAX_SIGMA_GROWTH)
         self._newest = rho, reading.sigma * growth
         return *self._newest, arrived & counts
 

@@ -84,7 +84,6 @@ def emulated_radio(runs: Sequence[Run], every: int) -> Radio:
     heights = (-starting_body(run.vehicle, (0.0, 0.0)).down - run.vehicle.target.altitude_m for run in runs)
     reading = Reading(
         sigma=_array(said),
-        least=_array(run.mission.file.ranging.min_range_m for run in runs),
         most=_array(run.mission.max_range for run in runs),
         height=_array(run.mission.file.orbit.height_above_target_m or 0.0 for run in runs),
     )
@@ -103,11 +102,7 @@ def guidance_of(runs: Sequence[Run]) -> Guidance:
     each = [StepSettings.of(mission.orbit, mission.law) for mission in missions]
     numbers = {f.name: _array(getattr(one, f.name) for one in each) for f in fields(StepSettings) if f.name != "law"}
     settings = StepSettings(law=each[0].law, **numbers)
-    known = [mission.estimation for mission in missions]
-    estimation = replace(
-        known[0], speed=numbers["V"], max_turn_rate=numbers["limit"], gate=_array(one.gate for one in known),
-        min_samples=_array(one.min_samples for one in known),
-    )  # fmt: skip
+    estimation = replace(missions[0].estimation, speed=numbers["V"], max_turn_rate=numbers["limit"])
     gains = [mission.file.vehicle.turn_gain for mission in missions]
     return Guidance(
         settings,

@@ -16,14 +16,14 @@ from circnav_mav.mission.load import MissionError
 
 OWN = frozenset({
     "name", "vehicle.max_turn_rate_deg_s", "vehicle.max_bank_deg", "orbit.radius_m", "orbit.direction",
-    "orbit.height_above_target_m", "guidance.gain", "guidance.correct_radius", "guidance.min_samples",
-    "ranging.sigma_m", "ranging.min_range_m", "ranging.max_range_m", "link.sim_speed", "sim.seed", "sim.start.north_m",
+    "orbit.height_above_target_m", "guidance.gain", "guidance.correct_radius",
+    "ranging.sigma_m", "ranging.max_range_m", "link.sim_speed", "sim.seed", "sim.start.north_m",
     "sim.start.east_m", "sim.start.altitude_m", "sim.start.heading_deg", "sim.vehicle.max_turn_rate_deg_s",
     "sim.ranging.preset", "sim.ranging.noise_m", "sim.ranging.bias_m",
     "sim.ranging.outlier_fraction", "sim.ranging.outlier_m", "sim.ranging.dropout_fraction",
     "sim.ranging.clock_offset_s", "sim.ranging.max_range_m", "sim.ranging.report_accuracy", "sim.truth.rate_hz",
 })  # fmt: skip
-OWN_OF_KALMAN = OWN | {"vehicle.speed_mps", "vehicle.turn_lag_s", "guidance.gate_sigma", "sim.vehicle.turn_lag_s"}
+OWN_OF_KALMAN = OWN | {"vehicle.speed_mps", "vehicle.turn_lag_s", "sim.vehicle.turn_lag_s"}
 OWN_TABLES = ("sim.start.random.", "sim.target.", "sim.wind.")
 """What each flight of a batch has of its own; flights of one batch share everything else."""
 MOST_SCATTER = 1.5
@@ -61,7 +61,6 @@ def obstacle(run: Run) -> str | None:
         "sim.ranging.outlier_fraction is so large that the pilot takes outliers for noise": wild,
         "[ranging] resent or stamp is not the default": file.ranging.resent or file.ranging.stamp == "arrival",
         "ranging.rate_name: a measured range rate": file.ranging.rate_name is not None,
-        "vehicle.max_turn_acceleration_deg_s2 is set": file.vehicle.max_turn_acceleration_deg_s2 is not None,
         "guidance.radius_trim_per_s is not 0": file.guidance.radius_trim_per_s > 0,
         "[bounds] are set": file.bounds != type(file.bounds)(),
         "engage.on_takeover is not the default": file.engage.on_takeover != "end",

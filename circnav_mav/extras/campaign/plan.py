@@ -15,8 +15,9 @@ import numpy as np
 from circnav_sim.config import ConfigError, VehicleConfig, parse_vehicle
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from circnav_mav.mission.load import MissionError, in_words, load_mission, mission_of, put, read_text, read_toml
+from circnav_mav.mission.load import MissionError, load_mission, mission_of, put, read_text, read_toml
 from circnav_mav.mission.mission import Mission
+from circnav_mav.mission.problems import in_words
 
 
 @dataclass(frozen=True, slots=True)

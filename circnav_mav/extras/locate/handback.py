@@ -64,11 +64,14 @@ RECKON_EVERY, LONGEST_STEP = 0.1, 1.0
 """Time, s, between two steps of dead reckoning; over a longer one nobody knows how the vehicle has turned."""
 
 
+INTERVAL = 1.0
+"""Time between two positions, s."""
+
+
 @dataclass(frozen=True, slots=True)
 class HandBackSettings:
-    """every: s. place: of the target, latitude and longitude in degrees, where the mission gives it."""
+    """place: of the target, latitude and longitude in degrees, if the mission gives it."""
 
-    every: float = 1.0
     place: tuple[float, float] | None = None
 
 
@@ -307,7 +310,7 @@ class HandBack:
         if where is None or where.sigma > MOST_SIGMA:
             self._lacks = "the target's place is not known" if where is None else "too long without ranges"
             return None
-        self._due, self._waits, self._open, self._look_at = now + self.settings.every, True, True, None
+        self._due, self._waits, self._open, self._look_at = now + INTERVAL, True, True, None
         latitude, longitude = map(float, plane.to_degrees(where.east, where.north))
         sigma = max(where.sigma, LEAST_SIGMA)
         by = "ranges" if where.by_ranges else "dead reckoning"

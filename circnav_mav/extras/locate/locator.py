@@ -14,6 +14,7 @@ from math import hypot, isfinite
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
+from circnav_mav.extras.locate.conditions import GPS_WATCH
 from circnav_mav.extras.locate.estimator import Knowledge, NotYet, Ranges, Track
 from circnav_mav.extras.locate.export import camera, named_values, orbit_status, own_beacon
 from circnav_mav.extras.locate.handback import (
@@ -378,8 +379,8 @@ class Locator:
         culprit = self.watch.culprit
         if culprit is not self._culprit:
             self._culprit = culprit
-            severity = dialect.MAV_SEVERITY_WARNING if culprit else dialect.MAV_SEVERITY_NOTICE
-            text = f"GPS WATCH: {culprit.value} likeliest wrong" if culprit else "GPS, ranges agree again"
+            text = GPS_WATCH.short.format(culprit=culprit.value) if culprit else GPS_WATCH.over
+            severity = GPS_WATCH.severity if culprit else dialect.MAV_SEVERITY_NOTICE
             self._announcer.say("watch", text, severity=severity)
         if place is None or now - self._said_at < TEXT_EVERY:
             return

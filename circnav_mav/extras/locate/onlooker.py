@@ -7,6 +7,7 @@ from contextlib import suppress
 from typing import Any
 
 from circnav_mav.cli.exits import Refused
+from circnav_mav.extras.locate.conditions import GPS_WATCH, HAND_BACK, SURVEY_STOPPED
 from circnav_mav.extras.locate.estimator import NotYet, locate
 from circnav_mav.extras.locate.export import cursor_on_target, geojson, kml
 from circnav_mav.extras.locate.locator import Locator
@@ -80,13 +81,13 @@ class Locating(Onlooker):
         locator = self.locator
         return {"place": locator.why if locator.place is None else locator.place.at(now).words()}
 
-    def alarms(self, now: float) -> Sequence[str]:
+    def alarms(self, now: float) -> Mapping[str, str]:
         locator = self.locator
-        found = [f"SURVEY: {locator.problem}"] if locator.problem else []
+        found = SURVEY_STOPPED.alarm(problem=locator.problem) if locator.problem else {}
         if locator.watch.alarm:
-            found.append(f"GPS WATCH: {locator.watch.alarm}")
+            found |= GPS_WATCH.alarm(words=locator.watch.alarm)
         if locator.handback and locator.handback.words:
-            found.append(f"HAND-BACK: {locator.handback.words}")
+            found |= HAND_BACK.alarm(words=locator.handback.words)
         return found
 
     def finish(self, summary: dict[str, Any]) -> Mapping[str, str]:

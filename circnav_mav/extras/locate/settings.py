@@ -29,7 +29,6 @@ class LocateTable(Table):
 
     enabled: bool = False
     gps_sigma_m: Annotated[float, Field(ge=0.01, le=1000)] = 1.5
-    range_bias_m: Annotated[float, Field(ge=0.01, le=1000)] = 2.0
     cot: Annotated[str, AfterValidator(_host_and_port)] | None = None
     camera: bool = False
     beacon: bool = False
@@ -39,7 +38,6 @@ class HandBackTable(Table):
     """[handback]: telling an autopilot that has lost its position where it is."""
 
     enabled: bool = False
-    every_s: Annotated[float, Field(ge=1, le=60)] = 1.0
     latitude_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
     longitude_deg: Annotated[float, Field(ge=-180, le=180)] | None = None
 
@@ -67,10 +65,9 @@ def locate_settings(mission: Mission) -> LocateSettings | None:
     return LocateSettings(
         component=LAST_COMPANION if ours != LAST_COMPANION else LAST_COMPANION - 1,
         gps_sigma=locate.gps_sigma_m,
-        range_bias_sigma=locate.range_bias_m,
         beacon=locate.beacon,
         camera=locate.camera,
-        handback=HandBackSettings(back.every_s, place) if back.enabled else None,
+        handback=HandBackSettings(place) if back.enabled else None,
     )
 
 

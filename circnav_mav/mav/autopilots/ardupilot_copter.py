@@ -1,6 +1,6 @@
 """ArduCopter in GUIDED."""
 
-from math import degrees, floor, radians
+from math import ceil, degrees, floor, radians
 from types import MappingProxyType
 
 from pymavlink.dialects.v20 import all as dialect
@@ -13,6 +13,9 @@ from circnav_mav.mav.autopilots.parameters import (
     Context,
     Rule,
     Verdict,
+    always,
+    enough_lean,
+    enough_speed,
     lean_limit,
     rule,
     timeout,
@@ -43,6 +46,11 @@ def _acceleration(value: float, context: Context) -> Verdict:
     return WARN, f"{words}, the path cannot follow: lower vehicle.max_turn_rate_deg_s to {enough}, it settles sooner"
 
 
+def _enough_acceleration(context: Context) -> float:
+    """Return the firmware's default of 2.5 m/s^2, or what turns at the mission's limit ask for."""
+    return float(max(2.5, ceil(10 * radians(context.max_turn_rate_deg) * context.speed / FOLLOWED) / 10))
+
+
 class ArduCopter(Autopilot):
     """GUIDED (4): body velocity, lateral acceleration feed-forward and yaw rate. Needs a velocity estimate (GPS, flow).
 
@@ -70,14 +78,14 @@ class ArduCopter(Autopilot):
     echo = dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
     ground_speed_sigma = 0.02
     parameters = (
-        rule("GUID_TIMEOUT", timeout("brakes and hovers in GUIDED")),
+        rule("GUID_TIMEOUT", timeout("brakes and hovers in GUIDED"), advised=always(3.0)),
         rule("GUID_OPTIONS", _guided_options),
         rule("FS_GCS_ENABLE", gcs_failsafe("it leaves GUIDED after 5 s (1: RTL)")),
         GCS_SYSTEM,
         rule("FS_EKF_ACTION", ekf_action("lands (1) or holds height (2), some 8 s after GPS is gone")),
-        Rule((("WP_SPD", 1.0), ("WPNAV_SPEED", 0.01)), velocity_limit, unit="m/s"),
-        Rule((("ANGLE_MAX", 0.01),), lean_limit, optional=True, unit="deg"),
-        Rule((("WPNAV_ACCEL", 0.01),), _acceleration, optional=True, unit="m/s^2"),
+        Rule((("WP_SPD", 1.0), ("WPNAV_SPEED", 0.01)), velocity_limit, unit="m/s", advised=enough_speed(10.0)),
+        Rule((("ANGLE_MAX", 0.01),), lean_limit, optional=True, unit="deg", advised=enough_lean(30.0)),
+        Rule((("WPNAV_ACCEL", 0.01),), _acceleration, optional=True, unit="m/s^2", advised=_enough_acceleration),
         FENCE,
     )
 

@@ -11,6 +11,8 @@ from circnav_mav.mav.autopilots.parameters import (
     bank_limit,
     held_airspeed,
     least_airspeed,
+    mission_bank,
+    mission_speed,
     most_airspeed,
     rule,
     timeout,
@@ -47,8 +49,8 @@ class ArduPlane(Autopilot):
     banks = measures_airspeed = cruises = True
     least_turn_gain = 0.72  # it slips in its turns (flown: .70 .. .75)
     parameters = (
-        Rule((("ROLL_LIMIT_DEG", 1.0), ("LIM_ROLL_CD", 0.01)), bank_limit, unit="deg"),
-        Rule((("AIRSPEED_CRUISE", 1.0), ("TRIM_ARSPD_CM", 0.01)), held_airspeed, unit="m/s"),
+        Rule((("ROLL_LIMIT_DEG", 1.0), ("LIM_ROLL_CD", 0.01)), bank_limit, unit="deg", advised=mission_bank),
+        Rule((("AIRSPEED_CRUISE", 1.0), ("TRIM_ARSPD_CM", 0.01)), held_airspeed, unit="m/s", advised=mission_speed),
         Rule((("AIRSPEED_MIN", 1.0), ("ARSPD_FBW_MIN", 1.0)), least_airspeed),
         Rule((("AIRSPEED_MAX", 1.0), ("ARSPD_FBW_MAX", 1.0)), most_airspeed),
         rule("GUID_TIMEOUT", timeout("loiters round the point where GUIDED was entered"), optional=True),

@@ -6,7 +6,7 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.ardupilot import ARDUPILOT, FENCE, GCS_SYSTEM, ekf_action, gcs_failsafe
 from circnav_mav.mav.autopilots.interface import Addressee, Autopilot, body_velocity
-from circnav_mav.mav.autopilots.parameters import PASS, Context, Verdict, at_least, rule
+from circnav_mav.mav.autopilots.parameters import PASS, Context, Verdict, at_least, mission_speed, rule
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.setpoint_guard import Steer
 
@@ -49,8 +49,8 @@ class ArduRover(Autopilot):
     flies = False
     ground_speed_sigma = 0.02
     parameters = (
-        rule("WP_SPEED", _wp_speed),
-        rule("CRUISE_SPEED", _cruise_speed),
+        rule("WP_SPEED", _wp_speed, advised=mission_speed),
+        rule("CRUISE_SPEED", _cruise_speed, advised=mission_speed),
         rule("FS_GCS_ENABLE", gcs_failsafe("it goes to HOLD after 5 to 7 s")),
         GCS_SYSTEM,
         rule("FS_EKF_ACTION", ekf_action("stops in HOLD, some 8 s after GPS is gone")),

@@ -32,36 +32,17 @@ PLANE_TYPES = frozenset((dialect.MAV_TYPE_FIXED_WING,))
 
 
 @dataclass(frozen=True, slots=True)
-class AirLoops:
-    """Our own height and airspeed loops, for a vehicle that takes pitch and thrust.
-
-    pitch = pitch_per_height e_h - pitch_per_climb climb (rad, e_h = wanted - present height, m), within max_pitch;
-    thrust = trim_thrust + thrust_per_speed e_V + thrust_per_bank (1/cos(roll) - 1), within 0 and 1.
-    The defaults are those flown on PX4's simulated plane at 10 m/s.
-    """
-
-    trim_thrust: float = 0.63
-    thrust_per_speed: float = 0.08
-    thrust_per_bank: float = 0.25
-    pitch_per_height: float = 0.02
-    pitch_per_climb: float = 0.04
-    max_pitch: float = 0.26
-
-
-@dataclass(frozen=True, slots=True)
 class VehicleFacts:
     """What the mission says of the vehicle.
 
     speed: V, m/s. max_bank: rad, for vehicles that turn by banking. stick_bank: bank at full stick (PX4's FW_R_LIM),
-    rad. climb_gain, max_climb: our height hold by climb rate, 1/s and m/s. loops: pitch and thrust.
+    rad. trim_thrust: of level flight at V, 0 to 1, for a vehicle that takes thrust.
     """
 
     speed: float
     max_bank: float = 0.7
     stick_bank: float = 0.8727
-    climb_gain: float = 0.5
-    max_climb: float = 1.0
-    loops: AirLoops = AirLoops()
+    trim_thrust: float = 0.63
 
     def stick(self, bank: float) -> float:
         """The roll stick of MANUAL_CONTROL, in thousandths to the right, that holds a bank (rad, right positive)."""

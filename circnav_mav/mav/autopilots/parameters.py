@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import isfinite, radians, sqrt, tan
+from math import atan, ceil, degrees, hypot, isfinite, radians, sqrt, tan
 
 from circnav_mav.mav.check_result import Check, Grade
 from circnav_mav.mav.frames import GRAVITY
@@ -40,13 +40,18 @@ Judge = Callable[[float, Context], Verdict]
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """names: of one parameter in different versions, newest first, each with the factor to the unit that `judge` takes.
-    optional: not every vehicle has it, say nothing when it is missing. unit: that `judge` takes."""
+    """Rule for one parameter.
+
+    names: in different versions, newest first, each with the factor to the unit that `judge` takes. optional: not every
+    vehicle has it, no line when it is missing. unit: that `judge` takes. advised: function from the context to the
+    value for this mission in that unit, an int if the parameter is one; None where airframe or operator decide.
+    """
 
     names: tuple[tuple[str, float], ...]
     judge: Judge
     optional: bool = False
     unit: str = ""
+    advised: Callable[[Context], float] | None = None
 
     def check(self, context: Context) -> Check | None:
         """The line of the parameter, also of one that the vehicle does not know unless it is optional."""
@@ -63,9 +68,29 @@ class Rule:
         return None if self.optional else Check(WARN, "parameter", words)
 
 
-def rule(name: str, judge: Judge, *, optional: bool = False) -> Rule:
-    """Of a parameter that has one name and one unit in all versions."""
-    return Rule(((name, 1.0),), judge, optional)
+def rule(name: str, judge: Judge, *, optional: bool = False, advised: Callable[[Context], float] | None = None) -> Rule:
+    """Return the rule for a parameter that has one name and one unit in all versions."""
+    return Rule(((name, 1.0),), judge, optional, advised=advised)
+
+
+def always(value: float) -> Callable[[Context], float]:
+    """Return the advice that does not depend on the mission."""
+    return lambda context: value
+
+
+def mission_speed(context: Context) -> float:
+    """Return the mission's speed, m/s."""
+    return float(context.speed)
+
+
+def mission_bank(context: Context) -> float:
+    """Return the mission's bank limit, deg."""
+    return float(context.max_bank_deg)
+
+
+def enough_speed(usual: float) -> Callable[[Context], float]:
+    """Return the advice for a speed limit, m/s: the firmware's default, or 1.2 times the mission's speed."""
+    return lambda context: max(usual, 1.2 * context.speed)
 
 
 # --- judges that several vehicles share -------------------------------------------------------------------------------
@@ -140,6 +165,16 @@ def lean_limit(degrees_: float, context: Context) -> Verdict:
         return WARN, f"{leans}: at a drag of {COPTER_DRAG:g}/s too little for {context.speed:g} m/s even in still air"
     words = f"{leans}: at a drag of {COPTER_DRAG:g}/s {context.speed:g} m/s are held in wind up to {wind:.0f} m/s"
     return (PASS if wind >= COMMON_WIND else WARN), words
+
+
+def enough_lean(usual: float) -> Callable[[Context], float]:
+    """Return the advice for a lean limit, deg: the firmware's default, or the lean for COMMON_WIND on the circle."""
+
+    def advised(context: Context) -> float:
+        push = COPTER_DRAG * (context.speed + COMMON_WIND)
+        return max(usual, ceil(degrees(atan(hypot(push, context.speed * context.circle_turn_rate) / GRAVITY))))
+
+    return advised
 
 
 velocity_limit = at_least(

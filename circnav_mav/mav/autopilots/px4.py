@@ -10,7 +10,7 @@ from types import MappingProxyType
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.interface import Autopilot, Firmware
-from circnav_mav.mav.autopilots.parameters import FAIL, PASS, WARN, Context, Verdict, one_of, rule, timeout
+from circnav_mav.mav.autopilots.parameters import FAIL, PASS, WARN, Context, Verdict, always, one_of, rule, timeout
 
 ALTCTL, POSCTL, AUTO, OFFBOARD, ALT_CRUISE = 2, 3, 4, 6, 11
 """Main modes (PX4's px4_custom_mode.h)."""
@@ -93,8 +93,16 @@ _NOT_PASSED = (FAIL, "setpoints from MAVLink are not passed to the controllers: 
 _MAVLINK_ONLY = (WARN, "the pilot's transmitter is ignored: the operator takes over from a ground station only")
 _TRANSMITTER = (PASS, "0: transmitter, 2 and up: transmitter and ground station, 4: no sticks at all")
 OFFBOARD_RULES = (
-    rule("MAV_FWDEXTSP", one_of({0: _NOT_PASSED}, (PASS, "setpoints from MAVLink reach the controllers"))),
-    rule("COM_OF_LOSS_T", timeout("falls into its failsafe (and returns by itself when setpoints do)")),
+    rule(
+        "MAV_FWDEXTSP",
+        one_of({0: _NOT_PASSED}, (PASS, "setpoints from MAVLink reach the controllers")),
+        advised=always(1),
+    ),
+    rule(
+        "COM_OF_LOSS_T",
+        timeout("falls into its failsafe (and returns by itself when setpoints do)"),
+        advised=always(1.0),
+    ),
     rule("COM_OBL_RC_ACT", _offboard_loss),
     rule("COM_RC_IN_MODE", one_of({1: _MAVLINK_ONLY}, _TRANSMITTER)),
     rule("COM_RC_OVERRIDE", _sticks_override),

@@ -4,17 +4,34 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.guidance.velocity_loop import VelocityLoop
 from circnav_mav.mav.autopilots.interface import COPTER_TYPES, Addressee, body_velocity
-from circnav_mav.mav.autopilots.parameters import at_least, lean_limit, rule, velocity_limit
+from circnav_mav.mav.autopilots.parameters import (
+    Context,
+    at_least,
+    enough_lean,
+    enough_speed,
+    lean_limit,
+    rule,
+    velocity_limit,
+)
 from circnav_mav.mav.autopilots.px4 import OFFBOARD_RULES, PX4Vehicle
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import body_from_level
-from circnav_mav.mav.setpoint_guard import Steer
+from circnav_mav.mav.setpoint_guard import MAX_CLIMB, Steer
 
 _yaw_rate_limit = at_least(
     lambda mission: mission.max_turn_rate_deg,
     "the mission's limit of {:g} deg/s is within it",
     "the vehicle turns slower than the mission's limit of {:g} deg/s: lower it",
 )
+
+
+def _enough_yaw_rate(context: Context) -> float:
+    """Return the firmware's default of 200 deg/s, or the mission's limit."""
+    return max(200.0, context.max_turn_rate_deg)
+
+
+CLIMB_GAIN = 0.5
+"""Climb rate, m/s, per m of missing height, as flown on PX4's simulated copter."""
 
 
 class PX4Copter(PX4Vehicle):
@@ -38,9 +55,9 @@ class PX4Copter(PX4Vehicle):
     velocity_loop = VelocityLoop(proportional=1.8, integral=0.4, derivative=0.2)  # MPC_XY_VEL_P_ACC, _I_, _D_
     parameters = (
         *OFFBOARD_RULES,
-        rule("MC_YAWRATE_MAX", _yaw_rate_limit),
-        rule("MPC_XY_VEL_MAX", velocity_limit, optional=True),
-        rule("MPC_TILTMAX_AIR", lean_limit, optional=True),
+        rule("MC_YAWRATE_MAX", _yaw_rate_limit, advised=_enough_yaw_rate),
+        rule("MPC_XY_VEL_MAX", velocity_limit, optional=True, advised=enough_speed(12.0)),
+        rule("MPC_TILTMAX_AIR", lean_limit, optional=True, advised=enough_lean(45.0)),
     )
 
     def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
@@ -52,7 +69,7 @@ class PX4Copter(PX4Vehicle):
 
     def _down(self, to: Addressee) -> float:
         """Descent rate that returns to the height to hold, m/s; 0 when one of the two heights is not known."""
-        altitude, facts = to.motion.altitude, self._facts
+        altitude = to.motion.altitude
         if altitude is None or to.height is None:
             return 0.0
-        return min(max(facts.climb_gain * (altitude - to.height), -facts.max_climb), facts.max_climb)
+        return min(max(CLIMB_GAIN * (altitude - to.height), -MAX_CLIMB), MAX_CLIMB)

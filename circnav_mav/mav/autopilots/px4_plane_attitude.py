@@ -8,7 +8,13 @@ from circnav_mav.mav.autopilots.interface import PLANE_TYPES, Addressee, attitud
 from circnav_mav.mav.autopilots.parameters import least_airspeed, most_airspeed, rule
 from circnav_mav.mav.autopilots.px4 import OFFBOARD_RULES, PX4Vehicle
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.setpoint_guard import Steer
+from circnav_mav.mav.setpoint_guard import MAX_PITCH, Steer
+
+THRUST_PER_SPEED, THRUST_PER_BANK = 0.08, 0.25
+"""Thrust (0 to 1) per m/s of missing airspeed, and per 1/cos(roll) - 1. Flown on PX4's simulated plane at 10 m/s, as
+are the next ones."""
+PITCH_PER_HEIGHT, PITCH_PER_CLIMB = 0.02, 0.04
+"""Pitch, rad, per m of missing height, and against each m/s of climb."""
 
 
 class PX4PlaneAttitude(PX4Vehicle):
@@ -33,10 +39,10 @@ class PX4PlaneAttitude(PX4Vehicle):
     def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
         """The bank of the coordinated turn, with the pitch and thrust that keep height and speed in it."""
         roll = self.bank(steer, to)
-        loops, motion = self._facts.loops, to.motion
-        pitch, thrust = 0.0, loops.trim_thrust + loops.thrust_per_bank * (1 / cos(roll) - 1)
+        motion = to.motion
+        pitch, thrust = 0.0, self._facts.trim_thrust + THRUST_PER_BANK * (1 / cos(roll) - 1)
         if motion.altitude is not None and motion.climb is not None and to.height is not None:
-            rise = loops.pitch_per_height * (to.height - motion.altitude) - loops.pitch_per_climb * motion.climb
-            pitch = min(max(rise, -loops.max_pitch), loops.max_pitch)
-        thrust += loops.thrust_per_speed * (self._facts.speed - self.airspeed(motion.airspeed))
+            rise = PITCH_PER_HEIGHT * (to.height - motion.altitude) - PITCH_PER_CLIMB * motion.climb
+            pitch = min(max(rise, -MAX_PITCH), MAX_PITCH)
+        thrust += THRUST_PER_SPEED * (self._facts.speed - self.airspeed(motion.airspeed))
         return attitude(self.MASK, to, now, roll=roll, pitch=pitch, thrust=min(max(thrust, 0.0), 1.0))

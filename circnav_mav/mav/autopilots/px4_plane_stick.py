@@ -12,9 +12,11 @@ from circnav_mav.mav.autopilots.parameters import (
     WARN,
     Context,
     Verdict,
+    always,
     bank_limit,
     held_airspeed,
     least_airspeed,
+    mission_speed,
     most_airspeed,
     one_of,
     rule,
@@ -90,12 +92,14 @@ class PX4PlaneStick(PX4Vehicle):
     banks = measures_airspeed = cruises = True
     least_turn_gain = 0.72  # as ArduPlane, not flown long enough to know better
     parameters = (
-        rule("COM_RC_IN_MODE", one_of({0: _NO_STICKS, 1: _OUR_STICKS, 4: _NO_STICKS}, _OTHER_STICKS)),
-        rule("COM_RC_LOSS_T", _stick_loss),
-        rule("NAV_RCL_ACT", _stick_loss_action),
-        rule("COM_RCL_EXCEPT", _stick_loss_exceptions),
-        rule("FW_R_LIM", _stick_bank),
-        rule("FW_AIRSPD_TRIM", held_airspeed),
+        rule(
+            "COM_RC_IN_MODE", one_of({0: _NO_STICKS, 1: _OUR_STICKS, 4: _NO_STICKS}, _OTHER_STICKS), advised=always(1)
+        ),
+        rule("COM_RC_LOSS_T", _stick_loss, advised=always(0.5)),
+        rule("NAV_RCL_ACT", _stick_loss_action, advised=always(2)),
+        rule("COM_RCL_EXCEPT", _stick_loss_exceptions, advised=always(_HOLD_EXCEPTED)),
+        rule("FW_R_LIM", _stick_bank, advised=lambda context: context.stick_bank_deg),
+        rule("FW_AIRSPD_TRIM", held_airspeed, advised=mission_speed),
         rule("FW_AIRSPD_MIN", least_airspeed),
         rule("FW_AIRSPD_MAX", most_airspeed),
     )

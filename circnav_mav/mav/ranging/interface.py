@@ -57,7 +57,7 @@ class RangingSettings:
 
     message: mission name of the message. beacon_id, sensor_id, orientation, name: its filters. system_id, component_id:
     the sender, None for the first that fits. sigma_m: standard deviation to assume when the message carries none.
-    min_range_m, max_range_m: slant range accepted. max_age: oldest sample taken, s. stamp: whose time is used, the
+    max_range_m: largest slant range accepted. max_age: oldest sample taken, s. stamp: whose time is used, the
     message's own ("sensor") or ours ("arrival"). rate_hz: how often the sensor measures. resent: the sender is known to
     repeat values faster than that. max_sigma: standard deviation, reported or measured, m, above which a range is of no
     use. rate_name: the NAMED_VALUE_FLOAT that carries the range rate, None for none. rate_sign: "opening" where it is
@@ -73,7 +73,6 @@ class RangingSettings:
     system_id: int | None = None
     component_id: int | None = None
     sigma_m: float = 0.5
-    min_range_m: float = 0.0
     max_range_m: float = 10000.0
     max_age: float = 0.5
     stamp: str = "sensor"

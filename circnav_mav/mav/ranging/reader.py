@@ -140,8 +140,6 @@ class RangeReader:
             return Reject.OTHER_SENSOR
         if isinstance(reading, Reject):
             return reading
-        if reading.slant < settings.min_range_m:
-            return Reject.BELOW_MIN
         if reading.slant > settings.max_range_m:
             return Reject.ABOVE_MAX
         # before the engagement a second source may be the one that is meant; in flight it changes nothing any more

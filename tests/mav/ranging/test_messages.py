@@ -15,7 +15,7 @@ from tests.rig import beacon, distance
 NONE = 2**32 - 1
 DISTANCE = RangingSettings(message="distance_sensor", sigma_m=0.5)
 BEACON = RangingSettings(message="ranging_beacon", beacon_id=3, sigma_m=0.5)
-NAMED = RangingSettings(message="named_value_float", name="RADIO", sigma_m=0.5, min_range_m=5.0, max_range_m=400.0)
+NAMED = RangingSettings(message="named_value_float", name="RADIO", sigma_m=0.5, max_range_m=400.0)
 
 
 def sensor(cm, stamp_ms=501_000, **fields):
@@ -86,7 +86,6 @@ def test_it_counts_in_the_units_of_its_definition(settings, message, expected):
         *((NAMED, named(value), "not_finite") for value in (math.nan, math.inf, -math.inf)),
         *((NAMED, named(value), "no_range") for value in (0.0, -1.0)),
         *((NAMED, named(value), None) for value in (5.0, 400.0)),
-        (NAMED, named(4.99), "below_min"),
         (NAMED, named(400.1), "above_max"),
     ],
 )

@@ -19,7 +19,7 @@ import numpy as np
 from circnav_sim.faults.frames import frames, message_id, write
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.pilot.range_tracker import TickScheduler
+from circnav_mav.pilot.tick_scheduler import TickScheduler
 from tests.flight.lockstep import true_radius
 from tests.tools.bench.on_port import ROOT, SETPOINT, VehicleOnPort, flown, resident_mb
 

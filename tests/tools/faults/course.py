@@ -25,7 +25,7 @@ from circnav_mav.pilot.mission_state import STEERING, Phase
 from tests.flight.lockstep import CONFIG, UNIX, clockwise_turns, true_radius
 from tests.tools.faults.judge import GUIDED, Allowed, Witness, broken_rule, is_heartbeat, is_safe, is_setpoint
 
-PATIENT = ("limits.hold_s=70.0", "limits.outage_s=70.0", "limits.duration_s=100000.0")
+PATIENT = ("limits.hold_s=70.0", "limits.duration_s=100000.0")
 BAND = 0.05
 """Radius error, of the radius, within which the circle counts as held."""
 SETTLED, STEADY, LATEST = 110.0, 30.0, 400.0

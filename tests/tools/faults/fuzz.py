@@ -50,7 +50,7 @@ class Target:
     def __init__(self, profile: str, ranging: str) -> None:
         self.profile, self.ranging = profile, ranging
         overrides = [f'ranging.message="{ranging}"', 'engage.on_takeover="wait"', "limits.duration_s=1e9"]
-        overrides += ["limits.hold_s=1e6", "limits.outage_s=1e6", "link.wait_s=1e6"]
+        overrides += ["limits.hold_s=1e6", "link.wait_s=1e6"]
         if ranging == "ranging_beacon":
             overrides += ['ranging.endpoint="udpin:127.0.0.1:14560"', "ranging.max_range_m=2000.0"]
         self.settings = load_mission(CONFIG / f"{profile}.toml", overrides).pilot_settings()

@@ -30,7 +30,7 @@ class Allowed:
     def of(cls, settings: PilotSettings) -> "Allowed":
         facts = settings.facts
         orbit = settings.orbit
-        return cls(orbit.max_turn_rate, orbit.speed, facts.max_bank, facts.loops.max_pitch, facts.max_climb)
+        return cls(orbit.max_turn_rate, orbit.speed, facts.max_bank, pitch=0.2618, climb=1.0)
 
 
 def is_setpoint(frame: bytes) -> bool:

@@ -84,8 +84,10 @@ class Flight:
     outliers: float = _option(0.0, "share of ranges that are off")
     outlier_size: float = _option(30.0, "by up to, m")
     loss: float = _option(0.0, "share of ranges that are lost")
+    second_anchor: float = _option(0.0, "m east of the target: a second DISTANCE_SENSOR id of the same radio")
     delay: float = _option(0.0, "s from measuring to sending; the stamp is that of sending")
     # how it is run
+    station: int = _option(0, "UDP port here of a ground station that gets a link of its own (ArduPilot)")
     speedup: float = _option(1.0, "simulated over real time; only 1 gives figures that count")
     param: tuple[str, ...] = _option((), "of the autopilot, before take-off", metavar="NAME=VALUE")
     set: tuple[str, ...] = _option((), "of the mission", metavar="KEY=VALUE")

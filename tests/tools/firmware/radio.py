@@ -49,6 +49,11 @@ class Radio:
                 self.lost += 1
             else:
                 self._waiting.append((truth.time + flight.delay, truth.time, measured))
+            if flight.second_anchor:
+                north, east = self.target(truth.time)
+                east += flight.second_anchor
+                slant = hypot(truth.north - north, truth.east - east, truth.altitude - self.altitude)
+                self._send(truth.time, slant, sensor=SENSOR_ID + 1)
         while self._waiting and self._waiting[0][0] <= truth.time:
             _, stamp, measured = self._waiting.popleft()
             self._send(truth.time if flight.delay else stamp, measured)
@@ -65,12 +70,12 @@ class Radio:
             slant += flight.outlier_size * self._random.random() * (1 if self._random.random() < 0.8 else -1)
         return max(slant, 0.0)
 
-    def _send(self, stamp: float, measured: float) -> None:
+    def _send(self, stamp: float, measured: float, sensor: int = SENSOR_ID) -> None:
         self.sent += 1
         centimetres = round(measured * 100)
         quality = 100 if centimetres <= LONGEST_CM else 1
         message = mavlink.MAVLink_distance_sensor_message(
-            round(stamp * 1000), 20, LONGEST_CM, min(centimetres, 65535), mavlink.MAV_DISTANCE_SENSOR_RADAR, SENSOR_ID,
+            round(stamp * 1000), 20, LONGEST_CM, min(centimetres, 65535), mavlink.MAV_DISTANCE_SENSOR_RADAR, sensor,
             UP, UNKNOWN_COVARIANCE, 0.0, 0.0, (0.0,) * 4, quality,
         )  # fmt: skip
         self._bench.send(message, self._bench.radio)

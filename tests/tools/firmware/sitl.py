@@ -61,7 +61,8 @@ class ArduPilot(Firmware):
             "--defaults", str(_parameters(self._kind)), "-I0", "--sim-address", LOOPBACK,
             "--rc-in-port", str(self._rc_port),
             "--serial0", f"udpclient:{LOOPBACK}:{shared}", "--serial1", f"udpclient:{LOOPBACK}:{own}",
-            *[word for number in (2, 5, 6, 7, 8) for word in (f"--serial{number}", "none:")],
+            "--serial2", f"udpclient:{LOOPBACK}:{self._flight.station}" if self._flight.station else "none:",
+            *[word for number in (5, 6, 7, 8) for word in (f"--serial{number}", "none:")],
         ]  # fmt: skip
         log = (folder / "firmware.log").open("wb")
         scratch = folder / "firmware"

@@ -1,0 +1,44 @@
+"""`circnav params`: the autopilot's parameters for a mission, as a file that ground stations load."""
+
+from collections.abc import Iterator
+
+import click
+
+from circnav_mav.cli.check import read_mission
+from circnav_mav.cli.exits import Exit, Refused
+from circnav_mav.mav.autopilots.interface import Autopilot
+from circnav_mav.mission.mission import Mission
+from circnav_mav.mission.preflight import parameter_context
+
+INT32, REAL32 = 6, 9
+"""MAV_PARAM_TYPE of QGroundControl's files for PX4."""
+
+
+def print_parameters(path: str, overrides: tuple[str, ...]) -> int:
+    """Print the parameter file. Raises Refused if the mission does not name one vehicle."""
+    mission = read_mission(path, overrides)
+    if len(mission.vehicles) != 1:
+        raise Refused(f"{path}: vehicle.autopilot: choose one: --set vehicle.autopilot=ardupilot")
+    click.echo("\n".join(parameter_lines(mission, mission.vehicles[0])))
+    return Exit.DONE
+
+
+def parameter_lines(mission: Mission, vehicle: type[Autopilot]) -> Iterator[str]:
+    """Yield the lines of the file: for ArduPilot `NAME,VALUE`, for PX4 QGroundControl's columns."""
+    system = mission.file.vehicle.system_id or 1
+    yield f"# {vehicle.name}, circnav mission {mission.file.name}"
+    yours = []
+    for rule in vehicle.parameters:
+        if rule.advised is None:
+            yours.append(" or ".join(name for name, _ in rule.names))
+            continue
+        value = rule.advised(parameter_context(mission, system, {}))
+        _, reason = rule.judge(value, parameter_context(mission, system, {rule.names[0][0]: value}))
+        yield f"# {reason}"
+        if len(rule.names) > 1:
+            yield "# its name and unit depend on the firmware version: an unknown name is ignored"
+        for name, factor in rule.names:
+            number = f"{value / factor:g}"
+            kind = INT32 if isinstance(value, int) else REAL32
+            yield f"{system}\t1\t{name}\t{number}\t{kind}" if vehicle.firmware.key == "px4" else f"{name},{number}"
+    yield f"# not set here, but checked by circnav preflight: {', '.join(yours)}"

@@ -1,0 +1,60 @@
+"""Combinations of keys that no mission can have, although each key is valid by itself."""
+
+from collections.abc import Iterator
+
+from circnav_mav.mav.autopilots.table import allowed, table_key
+from circnav_mav.mav.ranging.driver import split_driver
+from circnav_mav.mission.mission import SIM
+from circnav_mav.mission.schema import MissionFile
+
+
+def clashes(file: MissionFile) -> Iterator[str]:
+    """Yield a line for each combination of keys that cannot be flown."""
+    yield from _of_endpoints(file)
+    yield from _of_range_rate(file)
+    yield from _of_vehicle(file)
+    yield from _of_pairs(file)
+
+
+def _of_endpoints(file: MissionFile) -> Iterator[str]:
+    ranging = file.ranging
+    if file.link.endpoint == SIM and file.sim is None:
+        yield f'link.endpoint: is "{SIM}", which needs a [sim] table describing the vehicle'
+    if ranging.endpoint == SIM and file.link.endpoint != SIM:
+        yield f'ranging.endpoint: is "{SIM}" but the vehicle is not the bundled one: --set ranging.endpoint=URL'
+    if split_driver(ranging.endpoint or "")[0] and ranging.message != "ranging_beacon":
+        yield f'ranging.message: is "{ranging.message}", a driver gives "ranging_beacon": set that'
+    if file.signing and file.signing.accept_unsigned == "ranging" and ranging.endpoint is None:
+        yield 'signing.accept_unsigned: is "ranging", which needs a ranging.endpoint of its own'
+
+
+def _of_range_rate(file: MissionFile) -> Iterator[str]:
+    ranging = file.ranging
+    if ranging.rate_name is not None and ranging.message != "named_value_float":
+        yield f'ranging.rate_name: goes with message = "named_value_float", not with "{ranging.message}"'
+    if ranging.rate_name == ranging.name:
+        yield f'ranging.rate_name: is "{ranging.name}" as ranging.name: give the rate a name of its own'
+    if file.guidance.estimator == "measured" and ranging.rate_name is None:
+        yield 'guidance.estimator: is "measured", which needs a radio that measures the range rate: ranging.rate_name'
+
+
+def _of_vehicle(file: MissionFile) -> Iterator[str]:
+    vehicle = file.vehicle
+    rows = allowed(*table_key(vehicle.autopilot, vehicle.kind, vehicle.method)).values()
+    if vehicle.max_bank_deg is None and any(row.banks for row in rows):
+        yield f"vehicle.max_bank_deg: missing, a {vehicle.kind} turns by banking: add its limit"
+    elif vehicle.max_bank_deg is None and vehicle.max_turn_rate_deg_s is None:
+        yield "vehicle.max_turn_rate_deg_s: missing, add it"
+
+
+def _of_pairs(file: MissionFile) -> Iterator[str]:
+    ways = ("height_above_target_m", "target_altitude_m", "target_above_home_m")
+    given = [f"orbit.{way}" for way in ways if getattr(file.orbit, way) is not None]
+    if len(given) > 1:
+        yield f"{' and '.join(given)}: the height is given in one way only: keep one of them"
+    # With the limits in the other order a flight would end as it begins.
+    for quantity in ("range_m", "altitude_m"):
+        low, high = (getattr(file.bounds, f"{side}_{quantity}") for side in ("min", "max"))
+        if low is not None and high is not None and low >= high:
+            most = f"bounds.max_{quantity} = {high:g}"
+            yield f"bounds.min_{quantity}: {low:g} is not below {most}: lower it, or raise the other"

@@ -1,0 +1,89 @@
+"""Problems of a TOML file that pydantic found, as one line for the person who wrote it."""
+
+from collections.abc import Iterator
+from difflib import get_close_matches
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+MOST_PROBLEMS, MOST_SHOWN = 8, 60
+"""Problems listed in one line, and characters shown of a wrong value."""
+_BOUNDS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
+
+
+def in_words(error: ValidationError, schema: type[BaseModel]) -> str:
+    """Describe the problems of a file of this schema; unknown keys first, for a misspelled key is also a missing
+    one."""
+    problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
+    missing = [".".join(map(str, problem["loc"])) for problem in problems if problem["type"] == "missing"]
+    lines = [_one_in_words(problem, schema) for problem in problems if problem["type"] != "missing"]
+    if missing:
+        lines.append(f"{', '.join(missing)}: missing, add {'it' if len(missing) == 1 else 'them'}")
+    more = f"; and {len(lines) - MOST_PROBLEMS} more" if len(lines) > MOST_PROBLEMS else ""
+    return "; ".join(lines[:MOST_PROBLEMS]) + more
+
+
+def _one_in_words(problem: ErrorDetails, schema: type[BaseModel]) -> str:
+    place = list(map(str, problem["loc"]))
+    key, kind, context, given = ".".join(place), problem["type"], problem.get("ctx", {}), problem.get("input")
+    if kind == "extra_forbidden":
+        known = list(_table(schema, place[:-1]).model_fields)
+        anywhere = {key.rpartition(".")[2]: key for key in keys_of(schema)}
+        near = get_close_matches(place[-1], known, n=1)
+        near = near or [anywhere[name] for name in get_close_matches(place[-1], anywhere, n=1, cutoff=0.7)]
+        return f"{key}: unknown key, " + (f"did you mean {near[0]}?" if near else f"known here: {', '.join(known)}")
+    if kind == "literal_error":
+        return f"{key}: {_shown(given)} is not one of {context['expected']}"
+    if kind == "model_type":
+        return f"{key}: must be a table, not {_shown(given)}"
+    if kind == "finite_number":
+        field = _table(schema, place[:-1]).model_fields.get(place[-1])
+        # a key that is needed has no default at all
+        remedy = ": leave it out for none" if field is not None and field.default is None else ""
+        return f"{key}: must be a finite number, not {given}{remedy}"
+    bound = next((f"{words} {context[name]:g}" for name, words in _BOUNDS.items() if name in context), None)
+    if bound is not None and isinstance(given, int | float):
+        return f"{key}: must be {bound}, not {given:g}"
+    text = problem["msg"][:1].lower() + problem["msg"][1:]
+    return f"{key}: {text.removeprefix('input ')}, not {_shown(given)}{_number_meant(kind, given)}"
+
+
+def _shown(given: Any) -> str:
+    """A value as Python writes it, its beginning if it is long."""
+    return repr(given)[:MOST_SHOWN]
+
+
+def _number_meant(kind: str, given: Any) -> str:
+    """The remedy for a number that TOML does not know as one: .5, 1. or one in quotes."""
+    if kind not in ("float_type", "int_type") or not isinstance(given, str):
+        return ""
+    try:
+        return f": write {float(given)!r}"
+    except ValueError:
+        return ""
+
+
+def keys_of(table: type[BaseModel], before: str = "") -> Iterator[str]:
+    """The keys of a table and of those within it, dotted."""
+    for name in table.model_fields:
+        inner = _inner(table, name)
+        yield from [before + name] if inner is None else keys_of(inner, f"{before}{name}.")
+
+
+def _table(schema: type[BaseModel], place: list[str]) -> type[BaseModel]:
+    """The table of the schema at a place; where part of it is none, the table around that part."""
+    model = schema
+    for part in place:
+        inner = _inner(model, part)
+        if inner is None:
+            return model
+        model = inner
+    return model
+
+
+def _inner(table: type[BaseModel], name: str) -> type[BaseModel] | None:
+    """The table that a key of a table holds, if it does."""
+    annotation = table.model_fields[name].annotation
+    kinds = [kind for kind in (annotation, *get_args(annotation)) if isinstance(kind, type)]
+    return next((kind for kind in kinds if issubclass(kind, BaseModel)), None)

@@ -1,0 +1,60 @@
+"""The vehicle's motion through the air, from its telemetry to the estimators and to the learning of its turn."""
+
+from circnav_mav.guidance.side_slip import SideSlip
+from circnav_mav.guidance.types import OwnMotion
+from circnav_mav.guidance.velocity_loop import CopterMotion
+from circnav_mav.mav.codec import Message
+from circnav_mav.mav.session import Session
+from circnav_mav.pilot.controller import Controller
+from circnav_mav.pilot.height import HEARD
+from circnav_mav.pilot.range_tracker import RangeTracker
+
+
+class AirPath:
+    """Hands the motion of the vehicle to tracker and controller.
+
+    own: the newest motion through the air, None before an attitude was received. implausible_airspeed: measured
+    airspeed (m/s) that is ignored, None while it is plausible.
+    """
+
+    def __init__(self, session: Session, tracker: RangeTracker, controller: Controller) -> None:
+        self._session, self._tracker, self._controller = session, tracker, controller
+        self._copter_motion, self._side_slip = CopterMotion(), SideSlip()
+        self.own: OwnMotion | None = None
+        self.implausible_airspeed: float | None = None
+
+    def receive(self, message: Message, now: float, *, steering: bool, flies: bool) -> None:
+        """Take in a message of the vehicle. It moves the height, and an attitude also the learning of the turn and the
+        estimators. flies: False in a dry run."""
+        adapter, motion, controller = self._session.adapter, self._session.motion, self._controller
+        is_attitude = motion.receive(message, now)
+        if message.get_type() in HEARD:
+            self._tracker.height.hear(message, motion.at(now).altitude, now)
+        if not is_attitude:
+            return
+        own = nose = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
+        if own is None or nose is None:
+            return
+        if not adapter.flies:  # the tilt of a rover is that of the ground, and pushes nothing
+            own = own._replace(push=None)
+        if adapter.velocity_loop is not None and steering:
+            self._copter_motion, own = self._copter_motion.follow(own, adapter.velocity_loop)
+            controller.drag = self._copter_motion.drag
+        else:
+            self._copter_motion = self._copter_motion.stand()
+            self._side_slip, own = self._side_slip.follow(own)
+        self.own = own
+        controller.on_motion(own, nose)
+        # A vehicle without an airspeed sensor has the commanded airspeed while it flies as commanded. In a dry run
+        # another program commands it: it counts as flying at this speed while it turns as our commands would turn it.
+        follows = controller.at_speed if flies else controller.followed
+        if adapter.measures_airspeed or (steering and follows):
+            self._tracker.estimator.move(own)
+
+    def _airspeed(self, now: float) -> float:
+        """Return the true airspeed: measured where possible, else the commanded speed."""
+        adapter, motion = self._session.adapter, self._session.motion.at(now)
+        measured = motion.airspeed if adapter.measures_airspeed else None
+        used = adapter.airspeed(measured)
+        self.implausible_airspeed = measured if measured != used else None
+        return motion.true_airspeed(used) if adapter.measures_airspeed else self._controller.speed

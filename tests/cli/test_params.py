@@ -1,0 +1,39 @@
+"""`circnav params`: what it prints is what preflight asks for."""
+
+import pytest
+
+from circnav_mav.cli.bundled import bundled
+from circnav_mav.cli.params import parameter_lines
+from circnav_mav.mav.check_result import PASS
+from circnav_mav.mission.load import load_mission
+from circnav_mav.mission.preflight import parameter_context
+
+MISSIONS = ["arduplane", "arducopter", "ardurover", "px4_copter", "px4_plane", "px4_plane_attitude"]
+
+
+def values_of(lines):
+    rows = [line.split("\t")[2:4] if "\t" in line else line.split(",") for line in lines if not line.startswith("#")]
+    return {name: float(value) for name, value in rows}
+
+
+@pytest.mark.parametrize("name", MISSIONS)
+@pytest.mark.parametrize("change", [(), ("vehicle.speed_mps=14.5",)], ids=["as bundled", "faster"])
+def test_a_vehicle_with_the_printed_parameters_passes_preflight(name, change):
+    mission = load_mission(bundled("mission", name), change)
+    (vehicle,) = mission.vehicles
+    values = values_of(parameter_lines(mission, vehicle))
+    context = parameter_context(mission, 1, values)
+    checks = [rule.check(context) for rule in vehicle.parameters if rule.advised is not None]
+    assert values and {check.grade for check in checks} == {PASS}
+
+
+def test_what_the_airframe_or_the_operator_decides_is_named_and_not_set():
+    mission = load_mission(bundled("mission", "arduplane"))
+    lines = list(parameter_lines(mission, mission.vehicles[0]))
+    assert "AIRSPEED_MIN" in lines[-1] and "FENCE_ENABLE" in lines[-1]
+    assert not {"AIRSPEED_MIN", "ARSPD_FBW_MIN", "FENCE_ENABLE", "FS_GCS_ENABL"} & set(values_of(lines))
+
+
+def test_a_mission_for_any_autopilot_is_asked_to_choose_one(circnav):
+    ran = circnav("params", "arducopter", "--set", "vehicle.autopilot=auto")
+    assert ran.code == 2 and "vehicle.autopilot: choose one" in ran.err

@@ -1,0 +1,45 @@
+"""The table of conditions: one row feeds display, STATUSTEXT and documentation."""
+
+from itertools import takewhile
+from pathlib import Path
+
+import pytest
+
+from circnav_mav.extras.locate import conditions as survey
+from circnav_mav.pilot import conditions
+from circnav_mav.pilot.conditions import TABLE, Condition
+from circnav_mav.pilot.mission_state import Phase
+from tests.rig import LOITER, Rig
+
+RAISED = [row for module in (conditions, survey) for row in vars(module).values() if isinstance(row, Condition)]
+ROWS = list({row.name: row for row in (*TABLE, *RAISED)}.values())
+TROUBLESHOOTING = (Path(__file__).parents[2] / "docs" / "troubleshooting.md").read_text()
+
+
+def texts(rig: Rig) -> list[str]:
+    return [text.removeprefix("circnav: ") for text in rig.texts()]
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
+def test_each_condition_is_sent_or_shown_fits_one_statustext_and_is_documented(row):
+    title = " ".join(takewhile(str.isupper, row.long.partition(":")[0].split()))
+    assert row.short or row.long
+    assert len(row.over) <= 41 and len(row.short.partition("{")[0]) <= 41
+    assert title in TROUBLESHOOTING or row.name == "yielded"
+
+
+def test_the_table_is_read_by_display_and_statustext_from_begin_to_end(rig):
+    rig.engage().run(2.0, ranges=False)
+    alarm = rig.pilot.conditions.alarms["holding"]
+    assert alarm.startswith("RANGE STALE ") and "setpoints per second" in alarm
+    rig.run(2.0, ranges=True)
+    assert rig.pilot.conditions.alarms == {}
+    assert texts(rig)[1:] == ["range lost, holding", "range regained"]
+
+
+def test_a_condition_of_steering_ends_without_a_text_if_the_operator_takes_the_vehicle():
+    rig = Rig(end_on_takeover=False).engage()
+    rig.run(2.0, ranges=False).run(1.0, mode=LOITER, ranges=False)
+    assert rig.pilot.mission.phase is Phase.YIELDED
+    assert list(rig.pilot.conditions.alarms) == ["yielded", "range_stale"]
+    assert texts(rig)[-2:] == ["range lost, holding", "taken over, GUIDED left for LOITER"]

@@ -1,0 +1,145 @@
+"""Parameters from a ground station, frame by frame: listed, read, set, refused with the reason."""
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.guidance.types import Direction
+from tests.rig import Voice, decode
+
+GCS = Voice(255, 190)
+OURS = (1, 191)
+NAMES = ["CN_RADIUS", "CN_DIRECTION", "CN_SPEED", "CN_HEIGHT", "CN_LAW", "CN_HOLD", "CN_EXIT"]
+
+
+def setting(name, value, kind=mavlink.MAV_PARAM_TYPE_REAL32, target=OURS):
+    return mavlink.MAVLink_param_set_message(*target, name.encode(), value, kind)
+
+
+@pytest.fixture
+def flying(make_rig):
+    rig = make_rig(unsigned_parameters=True)
+    rig.run(5.0)
+    return rig
+
+
+def values(rig):
+    """PARAM_VALUE messages since the last call, by name."""
+    found = [message for _, message in rig.sent if message.get_type() == "PARAM_VALUE"]
+    rig.sent.clear()
+    return {message.param_id: message for message in found}
+
+
+def after(rig, message, **how):
+    rig.sent.clear()
+    rig.hear(message, voice=GCS, **how)
+    rig.run(1.0)
+    return values(rig)
+
+
+@pytest.mark.parametrize("component", [191, 0], ids=["ours", "every component"])
+def test_the_list_has_every_parameter_once_with_its_index(flying, component):
+    found = after(flying, mavlink.MAVLink_param_request_list_message(1, component))
+    assert list(found) == NAMES
+    assert [message.param_index for message in found.values()] == list(range(7))
+    assert {(message.param_count, message.param_type) for message in found.values()} == {(7, 9)}
+    assert found["CN_RADIUS"].param_value == 100.0 and found["CN_DIRECTION"].param_value == 1.0
+
+
+@pytest.mark.parametrize("request_", [(b"", 2), (b"CN_SPEED", -1)], ids=["by index", "by name"])
+def test_one_parameter_is_read(flying, request_):
+    found = after(flying, mavlink.MAVLink_param_request_read_message(*OURS, *request_))
+    assert list(found) == ["CN_SPEED"] and found["CN_SPEED"].param_value == 15.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "read"),
+    [
+        ("CN_RADIUS", 80.0, lambda pilot: pilot.controller.orbit.radius),
+        ("CN_SPEED", 14.0, lambda pilot: pilot.controller.orbit.speed),
+        ("CN_HOLD", 20.0, lambda pilot: pilot.mission.hold),
+    ],
+)
+def test_a_value_that_is_set_is_flown_and_answered(flying, name, value, read):
+    found = after(flying, setting(name, value))
+    assert found[name].param_value == value == read(flying.pilot)
+
+
+def test_direction_and_law_are_set_by_their_numbers(flying):
+    after(flying, setting("CN_DIRECTION", -1.0))
+    after(flying, setting("CN_LAW", 2.0))
+    assert flying.pilot.controller.orbit.direction is Direction.COUNTERCLOCKWISE
+    assert flying.pilot.controller.law == "bounded"
+
+
+@pytest.mark.parametrize(
+    ("message", "reason"),
+    [
+        (setting("CN_RADIUS", 5.0), "CN_RADIUS not set: radius 5 m: turn rate allows 43 m"),
+        (setting("CN_RADIUS", float("nan")), "CN_RADIUS not set: not a finite number"),
+        (setting("CN_RADIUS", 80.0, mavlink.MAV_PARAM_TYPE_INT32), "CN_RADIUS not set: send it as REAL32"),
+        (setting("CN_DIRECTION", 0.0), "CN_DIRECTION not set: 0 is not 1 (clockwise) or -1 (counterclockwise)"),
+        (setting("CN_SPEED", 30.0), "CN_SPEED not set: speed 30 m/s outside 12 to 18 m/s"),
+        (setting("CN_HEIGHT", -1.0), "CN_HEIGHT not set: -1 m is below 0: give the height above the target"),
+        (setting("CN_LAW", 8.0), "CN_LAW not set: law auto needs estimator auto, the mission has kalman"),
+        (setting("CN_LAW", 0.5), "CN_LAW not set: 0.5 is no law: 0 smooth, 1 switching"),
+        (setting("CN_HOLD", 1e9), "CN_HOLD not set: 1e+09 s outside 0 to 600 s"),
+        (setting("CN_EXIT", 99.0), "CN_EXIT not set: 99 is no exit action: 0 to 6"),
+    ],
+)
+def test_a_value_that_cannot_be_flown_is_refused_with_the_reason_and_the_old_one_answered(flying, message, reason):
+    before = after(flying, mavlink.MAVLink_param_request_list_message(*OURS))
+    flying.hear(message, voice=GCS)
+    flying.run(1.0)
+    texts = "".join(m.text for _, m in flying.sent if m.get_type() == "STATUSTEXT")
+    assert f"circnav: {reason}"[:60] in texts
+    assert values(flying)[message.param_id].param_value == pytest.approx(
+        before[message.param_id].param_value, nan_ok=True
+    )
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"message": setting("CN_RADIUS", 80.0), "source": "stranger"},
+        {"message": setting("CN_RADIUS", 80.0, target=(2, 191))},
+        {"message": setting("CN_RADIUS", 80.0, target=(1, 0))},
+        {"message": setting("CN_RADIUS", 80.0, target=(1, 1))},
+        {"message": setting("RADIUS", 80.0)},
+    ],
+    ids=["another address", "another vehicle", "every component", "the autopilot", "another name"],
+)
+def test_what_is_not_for_us_or_not_from_the_vehicle_is_neither_set_nor_answered(flying, how):
+    assert after(flying, how.pop("message"), **how) == {}
+    assert flying.pilot.controller.orbit.radius == 100.0
+
+
+def test_a_link_that_is_not_signed_lists_values_and_sets_none_unless_the_mission_allows_it(make_rig):
+    rig = make_rig()
+    rig.run(5.0)
+    assert list(after(rig, mavlink.MAVLink_param_request_list_message(*OURS))) == NAMES
+    assert after(rig, setting("CN_RADIUS", 80.0))["CN_RADIUS"].param_value == 100.0
+    assert rig.pilot.controller.orbit.radius == 100.0
+
+
+def test_no_value_is_set_once_the_operator_has_taken_over(flying):
+    flying.mode = 5
+    flying.run(1.0)
+    after(flying, setting("CN_RADIUS", 80.0))
+    assert flying.pilot.controller.orbit.radius == 100.0
+
+
+def test_a_list_requested_a_hundred_times_is_sent_once_and_two_values_a_step(flying):
+    flying.sent.clear()
+    for _ in range(100):
+        flying.hear(mavlink.MAVLink_param_request_list_message(*OURS), voice=GCS)
+    flying.run(1.0)
+    sent = [(time, m.param_id) for time, m in flying.sent if m.get_type() == "PARAM_VALUE"]
+    assert [name for _, name in sent] == NAMES
+    assert max(sum(time == at for time, _ in sent) for at, _ in sent) <= 2
+
+
+def test_decoded_by_pymavlink_the_values_are_plain_floats(flying):
+    flying.hear(mavlink.MAVLink_param_request_read_message(*OURS, b"CN_HOLD", -1), voice=GCS)
+    flying.run(0.2)
+    frames = b"".join(flying.raw)
+    assert [m.param_value for m in decode(frames) if m.get_type() == "PARAM_VALUE"] == [10.0]
