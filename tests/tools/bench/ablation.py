@@ -29,6 +29,10 @@ from circnav_mav.extras.bench.bench import judged
 from tests.tools.firmware.emulated import CIRCLES, ROWS, fly
 
 FULL = "all"
+RINGING = "Rover whose steering rings"
+FLIGHTS = ROWS | {
+    RINGING: ("ardurover", "sim.vehicle.turn_frequency_rad_s=4.0", "sim.vehicle.turn_damping=0.1"),
+}
 FLOWN = (
     "Plane R 150 V 22, calm",
     "Plane, wind 5 + turbulence 1",
@@ -39,6 +43,8 @@ FLOWN = (
     "Rover R 20 V 3",
     "PX4 copter, wind 3",
     "PX4 plane by attitude, wind 2",
+    "Plane, airspeed 15 % above the mission's",
+    RINGING,
 )
 SEEDS = 1, 2, 3
 BENCHED = (
@@ -178,8 +184,8 @@ def fly_row(row: str, seed: int, layer: str) -> Result:
     """One flight of an emulated vehicle."""
     acted: set[str] = set()
     with noted(acted) if layer == FULL else without(_layer(layer)):
-        one = fly(row, seed, count=LAPS)
-    radius = CIRCLES[ROWS[row][0]][0]
+        one = fly(row, seed, count=LAPS, rows=FLIGHTS)
+    radius = CIRCLES[FLIGHTS[row][0]][0]
     kept = one.right and one.rms < KEPT * radius and one.worst < NEVER * radius
     return Result(row, seed, layer, one.rms, one.turn_sd, one.at_limit, int(kept), 1, tuple(sorted(acted)))
 

@@ -5,6 +5,7 @@ the turn command over the last two laps, and how they compare with flights kept 
 """
 
 import argparse
+from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from math import degrees, pi
@@ -68,9 +69,11 @@ class Flown:
     right: bool
 
 
-def fly(row: str, seed: int, direction: str = "clockwise", count: int = 2) -> Flown:
+def fly(
+    row: str, seed: int, direction: str = "clockwise", count: int = 2, rows: Mapping[str, tuple[str, ...]] = ROWS
+) -> Flown:
     """One flight of the emulator, of which so many laps are judged."""
-    mission, *changes = ROWS[row]
+    mission, *changes = rows[row]
     radius, speed = CIRCLES[mission]
     laps = count * 2 * pi * radius / speed
     changes.append(f'orbit.direction="{direction}"')
