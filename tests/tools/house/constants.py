@@ -30,7 +30,8 @@ PAGE = ROOT / "docs" / "constants.md"
 PACKAGE = "circnav_mav"
 MEASURED = "circnav_mav/guidance/", "circnav_mav/pilot/"
 FIRST = (
-    "turn_gain", "turn_response", "turn_monitor", "vector_field", "step", "watches", "side_slip", "lap_plan", "controller",
+    "turn_gain", "turn_response", "turn_monitor", "vector_field", "step", "watches", "side_slip", "lap_plan",
+    "controller",
 )  # fmt: skip
 """Modules whose constants are flown first: they act on the turn rate."""
 FACTORS = 0.5, 2.0
