@@ -1,7 +1,7 @@
 """python -m tests.tools.house.constants [--results FILE [--seconds T]] [--write]: the numeric constants of the product.
 
 Each constant of a module with its value, unit and origin; for those of guidance and pilot the effect at half and at
-double: relative change of radius RMS (last 30 s) and of the turn command's standard deviation (whole flight) in two
+double: relative change of radius RMS (last 40 s) and of the turn command's standard deviation (whole flight) in two
 lockstep flights of the emulator. FILE keeps a line for each constant and factor; what is there is not flown again, and
 a run ends after T seconds. `--write` writes docs/constants.md; effects that FILE lacks are kept as the page has them.
 """
@@ -53,7 +53,7 @@ FLIGHTS: dict[str, tuple[str, ...]] = {
         "sim.wind.gust_rms_mps=0.4"),
 }  # fmt: skip
 """What is flown: a plane with lost and false ranges, and a copter, in wind and gusts."""
-LASTS, JUDGED = 60.0, 30.0
+LASTS, JUDGED = 90.0, 40.0
 """A flight, and the part of it in which its radius counts, s."""
 
 
