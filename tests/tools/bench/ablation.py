@@ -231,7 +231,7 @@ def _in_batch(layer: str, row: str) -> bool:
 
 def table(results: dict[tuple[str, int, str], Result]) -> str:
     """The table in Markdown. A cell is the median radius RMS, m, the standard deviation of the turn command, deg/s, and
-    its share at the limit where it is 1 % or more; a dash where the layer changed no answer."""
+    its share at the limit where it is 1 % or more. A dash: the layer changed no answer. Empty: not flown yet."""
     ratios: dict[str, list[float]] = {name: [] for name in NAMES}
     lines = [["row", FULL, *NAMES], ["---"] * (2 + len(NAMES))]
     for row in (*FLOWN, *BENCHED):
@@ -239,11 +239,12 @@ def table(results: dict[tuple[str, int, str], Result]) -> str:
         full = [results[row, seed, FULL] for seed in seeds if (row, seed, FULL) in results]
         cells = [row if row in FLOWN else f"benchmark: {row}", _cell(full)]
         for name in NAMES:
-            without = [results.get((row, one.seed, name), one) for one in full]
-            flown = any(one.layer == name for one in without)
-            cells.append(_cell(without) if flown else "-")
-            if flown:
-                ratios[name].append(median(one.rms for one in without) / median(one.rms for one in full))
+            applies = {one.seed for one in full if (_in_batch(name, row) if row in BENCHED else name in one.acted)}
+            off = {seed: results[row, seed, name] for seed in applies if (row, seed, name) in results}
+            pairs = [(one, off.get(one.seed, one)) for one in full if one.seed not in applies or one.seed in off]
+            cells.append(_cell([other for _, other in pairs]) if off else "" if applies else "-")
+            if off:
+                ratios[name].append(median(other.rms for _, other in pairs) / median(one.rms for one, _ in pairs))
         lines.append(cells)
     told = {name: sorted(ratio) or [1.0] for name, ratio in ratios.items()}
     lines.append(["median ratio of RMS", "1", *(f"{median(told[name]):.2f}" for name in NAMES)])
