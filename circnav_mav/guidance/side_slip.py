@@ -15,7 +15,7 @@ ArduPilot's plane turns .75 of what its bank asks in simulation, with its nose 2
 the path, geometry of a banked vehicle; fitted to true tracks of ArduPlane 4.6.3 (calm, wind 5 and 8).
 
 Limits: c, T and LIFTS are those of this one simulated airframe. Only q and the pitch are learned in flight. The error
-on another airframe is bounded by MOST. On PX4's emulated plane the correction changes the radius error by less than 2 %.
+on another airframe is bounded by MOST. On the emulated PX4 plane the correction changes the radius by less than 2 %.
 """
 
 from math import exp, tan
