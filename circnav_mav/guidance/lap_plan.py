@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import nnls
 
-from circnav_mav.guidance.maths import Array, Batch, Pair, arctan2, hypot, minimum, some, wrap
+from circnav_mav.guidance.maths import Array, Batch, Number, Pair, arctan2, hypot, minimum, some, wrap
 
 ANGLES = 72
 """Points of a lap: finer ones change the radius error by less than 2 %."""
@@ -33,7 +33,9 @@ MOST_DRIFT = 0.9
 MOST_OFFSET = 0.2
 """Bound of e in units of the radius: beyond it the linear equation does not hold."""
 _SPACING = 2 * np.pi / ANGLES
+"""Angle between two points of a lap, rad."""
 _CIRCLE = np.zeros((ANGLES + 1, 2))
+"""The lap that is the circle."""
 
 
 class Lap(NamedTuple):
@@ -45,7 +47,7 @@ class Lap(NamedTuple):
     table: Batch
     radius: Array
 
-    def at(self, angle: Array) -> tuple[Array, Array]:
+    def at(self, angle: Number) -> tuple[Array, Array]:
         """Planned radius, m, and its slope de/d(angle), m/rad, where a vehicle is at this angle (rad)."""
         place = (wrap(angle - self.downwind) + np.pi) / _SPACING
         if not isinstance(place, np.ndarray):
@@ -59,14 +61,14 @@ class Lap(NamedTuple):
         return self.radius * (1 + offset), self.radius * slope
 
 
-def plan(d: Pair, *, V: Array, r_d: Array, limit: Array) -> Lap | None:
+def plan(d: Pair, *, V: Number, r_d: Number, limit: Number) -> Lap | None:
     """The lap in drift d (2, ...), m/s, at true airspeed V. limit: of the turn rate, rad/s. None where the circle is
     within it, of all flights."""
     drift, limits = minimum(hypot(d[0], d[1]) / V, MOST_DRIFT), SURE * limit * r_d / V
     short = (1 + drift) ** 2 > limits
     if not some(short):
         return None
-    cells = np.floor(drift / DRIFT_STEP), np.floor(limits / LIMIT_STEP)
+    cells: tuple[Array, Array] = np.floor(drift / DRIFT_STEP), np.floor(limits / LIMIT_STEP)
     if isinstance(short, np.ndarray):
         table = np.stack([_table(*cell) if one else _CIRCLE for one, *cell in zip(short, *cells, strict=True)])
     else:

@@ -17,12 +17,13 @@ from numpy import ndarray
 from numpy.typing import NDArray
 
 Array = Any
-"""A number of one flight, or an array of many."""
+"""A number of one flight, or an array of many, as a result: its reader says which."""
 Batch = NDArray[Any]
 """An array of many flights, the last axis."""
 Pair = tuple[Array, Array] | Array
 """Two components: a tuple, or an array of shape (2, ...)."""
 Number = float | NDArray[np.float64]
+"""The same as an argument."""
 Flag = bool | NDArray[np.bool_]
 
 
@@ -43,7 +44,7 @@ arctan2, hypot = _either_of_two(math.atan2, np.arctan2), _either_of_two(math.hyp
 minimum, maximum = _either_of_two(min, np.minimum), _either_of_two(max, np.maximum)
 
 
-def unit(angle: Any) -> Any:
+def unit(angle: Number) -> Any:
     """The unit vector in a direction, as a complex number."""
     return np.exp(1j * angle) if isinstance(angle, ndarray) else rect(1.0, angle)
 
@@ -53,14 +54,14 @@ def magnitude(x: Number) -> Number:
     return abs(x)  # type: ignore[return-value]
 
 
-def clip(value: Any, low: Any, high: Any) -> Any:
+def clip(value: Number, low: Number, high: Number) -> Any:
     """The value, or the nearer bound."""
     if isinstance(value, ndarray) or isinstance(low, ndarray):
         return np.clip(value, low, high)
     return min(max(value, low), high)
 
 
-def sinc(x: Any) -> Any:
+def sinc(x: Number) -> Any:
     """sin(pi x)/(pi x)."""
     if isinstance(x, ndarray):
         return np.sinc(x)
@@ -68,7 +69,7 @@ def sinc(x: Any) -> Any:
     return math.sin(y) / y if y else 1.0
 
 
-def where(condition: Any, then: Any, otherwise: Any) -> Any:
+def where(condition: Flag, then: Any, otherwise: Any) -> Any:
     """One of two values, both worked out."""
     if isinstance(condition, ndarray):
         return np.where(condition, then, otherwise)
@@ -79,12 +80,12 @@ MAX_SIGMA_GROWTH = 5.0
 """Nearer overhead than this, noise grows so much that the sample says nothing: an elevation of 78 degrees."""
 
 
-def wrap(angle: Array) -> Array:
+def wrap(angle: Number) -> Array:
     """An angle in [-pi, pi)."""
     return (angle + math.pi) % (2 * math.pi) - math.pi
 
 
-def chord_parts(V: Array, psi: Array, turn: Array, dt: Array) -> tuple[Array, Array]:
+def chord_parts(V: Number, psi: Number, turn: Number, dt: Number) -> tuple[Array, Array]:
     """Displacement in dt at speed V along an arc from heading psi through the angle `turn`, exactly.
 
     Its length is V dt sinc(turn/2) and its direction psi + turn/2. An Euler step instead leaves -0.3 m of radius.
@@ -93,7 +94,7 @@ def chord_parts(V: Array, psi: Array, turn: Array, dt: Array) -> tuple[Array, Ar
     return length * cos(middle), length * sin(middle)
 
 
-def chord(V: Array, psi: Array, turn: Array, dt: Array) -> Array:
+def chord(V: Number, psi: Number, turn: Number, dt: Number) -> Array:
     """`chord_parts` as one array (2, ...)."""
     return np.stack(chord_parts(V, psi, turn, dt))
 

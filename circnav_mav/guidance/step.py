@@ -17,6 +17,7 @@ from circnav_mav.guidance import lap_plan, laws
 from circnav_mav.guidance.laws import LAWS, Kind, Law
 from circnav_mav.guidance.maths import (
     Array,
+    Flag,
     Number,
     Pair,
     arctan2,
@@ -142,8 +143,8 @@ AT_START = Handover()
 
 
 def hand_over(
-    before: Handover, dt: Array, *, trusted: Array, favourite: Array, by_range: Array, by_bank: Array, limit: Array,
-    leaves: Array,
+    before: Handover, dt: Number, *, trusted: Flag, favourite: Number, by_range: Number, by_bank: Number,
+    limit: Number, leaves: Number,
 ) -> Handover:  # fmt: skip
     """The command of this step, for the counter-clockwise orbit. favourite: number of the likeliest guess while the
     target is searched for, else -1.

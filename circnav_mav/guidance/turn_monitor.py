@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from circnav_mav.guidance.maths import Array, Batch
+from circnav_mav.guidance.maths import Batch
 
 BIN = 0.2
 """Width of a bin, s: shorter ones see the gyro's noise, longer ones lose the delay."""
@@ -169,7 +169,7 @@ def _evidence(bins: deque[TurnBin], width: int) -> int:
     return -1 if other < BETTER * following else int(following < BETTER * other)
 
 
-def find_swing(turns: Array) -> Swing:
+def find_swing(turns: Batch) -> Swing:
     """The swing of turn rates (rad/s) in bins, whose slow part is what wind and the way to the circle ask for."""
     place = np.linspace(-1.0, 1.0, turns.size)
     fast = turns - np.polyval(np.polyfit(place, turns, 2), place)
@@ -186,5 +186,5 @@ def find_swing(turns: Array) -> Swing:
     return Swing(size, BIN * (peak + 1), float(correlation[peak]), float(half))
 
 
-def _correlation(a: Array, b: Array) -> float:
+def _correlation(a: Batch, b: Batch) -> float:
     return float(a @ b / max(sqrt(float(a @ a) * float(b @ b)), 1e-9))

@@ -17,16 +17,19 @@ from circnav_mav.guidance.turn_monitor import BIN
 DEADS = np.arange(0.0, 1.01, 0.1)
 """Candidates of the dead time, s."""
 FIRST_ORDER = (0.1, 0.2, 0.35, 0.6, 0.9, 1.3)
+"""Candidates of an answer of first order: lags, s."""
 SECOND_ORDER = ((3.0, 0.3), (3.0, 0.6), (5.0, 0.3), (5.0, 0.6), (8.0, 0.4))
-"""Candidates of the answer: lags (s); frequencies (rad/s) with dampings."""
+"""Candidates of an answer of second order: frequencies (rad/s) with dampings."""
 LAGS = np.array([*FIRST_ORDER, *(2 * damping / frequency for frequency, damping in SECOND_ORDER)])
 """Mean delay of each answer, s."""
 DELAYS = DEADS[:, None] + LAGS
 LOG_DELAYS = np.log(np.maximum(DELAYS, 0.05))
+"""Logarithm of dead time plus lag, in which the prior is Gaussian."""
 RINGING = np.array([*(1 / lag for lag in FIRST_ORDER), *(damping * frequency for frequency, damping in SECOND_ORDER)])
 """How fast each answer settles, 1/s."""
 _SECOND = [complex(-z * f, f * (1 - z * z) ** 0.5) for f, z in SECOND_ORDER]
 POLES = np.array([*(complex(-1 / lag) for lag in FIRST_ORDER), *_SECOND])
+"""Pole of each answer, 1/s; of a pair, the upper one."""
 RESIDUES = np.array(
     [*(complex(0.5 / lag) for lag in FIRST_ORDER),
      *(f * f / (2j * pole.imag) for (f, _), pole in zip(SECOND_ORDER, _SECOND, strict=True))]

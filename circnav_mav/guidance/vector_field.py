@@ -13,6 +13,7 @@ from typing import NamedTuple
 from circnav_mav.guidance.lap_plan import Lap
 from circnav_mav.guidance.maths import (
     Array,
+    Number,
     Pair,
     arccos,
     arcsin,
@@ -57,7 +58,7 @@ class DriftGains(NamedTuple):
     radial: Array
 
 
-def drift_gains(V: Array, delay: Array, settles: Array, share: Array = 1.0) -> DriftGains:
+def drift_gains(V: Number, delay: Number, settles: Number, share: Number = 1.0) -> DriftGains:
     """The gains at speed V (m/s) of a vehicle that answers after `delay` (s; all of link, autopilot and airframe) and
     settles so fast (1/s). share: of the gains that the rule gives, where the command was found swinging."""
     most = minimum(SETTLING_SHARE * settles, FASTEST)
@@ -67,7 +68,7 @@ def drift_gains(V: Array, delay: Array, settles: Array, share: Array = 1.0) -> D
     return DriftGains(heading, RADIAL_SHARE * heading / V)
 
 
-def inward_angle(r: Array, *, r_d: Array, k: Array, sharpest: Array) -> Array:
+def inward_angle(r: Number, *, r_d: Number, k: Number, sharpest: Number) -> Array:
     """Angle of the ground course inward of the circle's tangent, rad.
 
     k (r - r_d) near the circle; far outside the straight line that touches the circle, acos(r_d/r); far inside the
@@ -81,7 +82,7 @@ def inward_angle(r: Array, *, r_d: Array, k: Array, sharpest: Array) -> Array:
 
 
 def field_heading(
-    p: Pair, d: Pair, *, V: Array, r_d: Array, k: Array, max_turn_rate: Array, lap: Lap | None = None
+    p: Pair, d: Pair, *, V: Number, r_d: Number, k: Number, max_turn_rate: Number, lap: Lap | None = None
 ) -> Array:
     """Heading (rad) whose ground course follows the field at p (2, ...), drift d (2, ...), true airspeed V. lap: flown
     in the place of the circle."""
@@ -96,8 +97,8 @@ def field_heading(
 
 
 def drift(
-    p: Pair, d: Pair, psi: Array, pending: Pending, *, V: Array, r_d: Array, max_turn_rate: Array, gains: DriftGains,
-    change: Pair = (0.0, 0.0), lap: Lap | None = None,
+    p: Pair, d: Pair, psi: Number, pending: Pending, *, V: Number, r_d: Number, max_turn_rate: Number,
+    gains: DriftGains, change: Pair = (0.0, 0.0), lap: Lap | None = None,
 ) -> Array:  # fmt: skip
     """Turn rate (rad/s): the field's rotation, seen as far ahead as the vehicle's answer takes, plus the heading error
     times its gain, of which what is already under way is taken off. Outside the circle it turns away from the target
@@ -109,7 +110,7 @@ def drift(
     """
     ahead, rate = pending.ahead, pending.turn / maximum(pending.ahead, STEP)
 
-    def wanted(time: Array) -> Array:
+    def wanted(time: Number) -> Array:
         x, y = chord_parts(V, psi, rate * time, time)
         there = p[0] + d[0] * time + x, p[1] + d[1] * time + y
         then = d[0] + change[0] * time, d[1] + change[1] * time
@@ -125,7 +126,7 @@ def drift(
     return turns / (2 * STEP) + gains.heading * (error - under_way)
 
 
-def _outward(r: Array, turn_radius: Array, r_d: Array) -> Array:
+def _outward(r: Number, turn_radius: Number, r_d: Number) -> Array:
     """By how much a left turn, away from the target, is favoured over a right turn, rad. In full where half a turn to
     the right ends inside the circle; none one turn radius farther out, and none inside .9 r_d."""
     beyond = clip((r_d + 3 * turn_radius - r) / turn_radius, 0.0, 1.0)
@@ -133,7 +134,7 @@ def _outward(r: Array, turn_radius: Array, r_d: Array) -> Array:
     return OUTWARD * beyond * outside
 
 
-def orbit_turn_rate(d: Pair, psi: Array, *, V: Array, r_d: Array) -> Array:
+def orbit_turn_rate(d: Pair, psi: Number, *, V: Number, r_d: Number) -> Array:
     """Turn rate (rad/s) that stays on the counter-clockwise circle in drift d (2, ...), m/s, at heading psi, rad.
 
     The heading alone tells where on the circle a vehicle is: no range is used. chi' = v_g/r_d for the ground course,
@@ -146,12 +147,12 @@ def orbit_turn_rate(d: Pair, psi: Array, *, V: Array, r_d: Array) -> Array:
     return ground**2 / (r_d * along_nose)
 
 
-def mirrored_pair(pair: Pair, sense: Array) -> tuple[Array, Array]:
+def mirrored_pair(pair: Pair, sense: Number) -> tuple[Array, Array]:
     """A vector (2, ...) seen so that the orbit is counter-clockwise."""
     return pair[0], pair[1] * sense
 
 
-def mirrored(p: Pair, d: Pair, psi: Array, pending: Pending, sense: Array) -> tuple[Pair, Pair, Array, Pending]:
+def mirrored(p: Pair, d: Pair, psi: Number, pending: Pending, sense: Number) -> tuple[Pair, Pair, Array, Pending]:
     """The same situation seen so that the orbit is counter-clockwise; sense: +1 counter-clockwise, -1 clockwise.
 
     The turn rate that follows is multiplied by sense on the way out.

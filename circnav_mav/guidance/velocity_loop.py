@@ -25,6 +25,7 @@ MEMORY = 60.0
 FIRST_DRAG, PRIOR = 0.3, 10.0
 """Drag before the flight tells, 1/s (a bare quadrotor), and its weight, m^2/s."""
 MOST_DRAG = 2.0
+"""Bound of the learned drag, 1/s: seven times a bare quadrotor's; chosen."""
 MOST_FED = 5.0
 """Acceleration along the nose, m/s^2, that is fed against drag at most: 27 deg of tilt."""
 TILT = 0.25

@@ -195,6 +195,7 @@ OFF, ALIKE = 0.2, 0.1
 """Fraction by which a speed must differ from ours, and by which windows that agree may differ. A radio whose buffer
 fills slows all down by less, or for a shorter time."""
 WINDOWS = 3
+"""Windows in a row that must agree; chosen."""
 Moment = tuple[float, float]
 """(our time, the other clock's time), s."""
 Span = tuple[Moment, Moment]

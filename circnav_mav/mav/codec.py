@@ -23,6 +23,7 @@ _NEVER_SIGNED = dialect.MAVLINK_MSG_ID_RADIO_STATUS
 _NEVER_LOGGED = dialect.MAVLINK_MSG_ID_SETUP_SIGNING
 """Carries somebody's key."""
 _MOST_SYSTEMS = 32
+"""Senders that are counted one by one: bounds the memory that a hostile link can fill."""
 _MOST_FAILURES = 64
 """Bytes that seemed to begin a frame and did not, after which the rest of a datagram is left: bounds the work that a
 hostile one can cause. Each counts, also one that a look at its header rules out: a search for the next is not free."""

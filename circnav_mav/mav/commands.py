@@ -13,9 +13,13 @@ from pymavlink.dialects.v20 import all as dialect
 from circnav_mav.mav.codec import Ids, Message
 
 ACK_TIMEOUT = 0.5
+"""Time, s, until a command without an answer is sent again (as in MAVSDK)."""
 IN_PROGRESS_TIMEOUT = 3.0
+"""Time, s, that an answer IN_PROGRESS lasts; chosen, three heartbeats."""
 MOST_IN_PROGRESS = 3
+"""Answers IN_PROGRESS that a command may have; chosen, so that no vehicle can hold one open."""
 RETRIES = 3
+"""Times that a command is sent again (as in MAVSDK)."""
 LATE = 1.2
 """Of the time between first try and last: how long after the end of a command the answers to its repeats may come."""
 MOST_OWED = 64

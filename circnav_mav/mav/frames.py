@@ -11,6 +11,7 @@ from typing import NewType
 from circnav_mav.guidance.types import TurnRate
 
 GRAVITY = 9.80665
+"""Standard gravity, m/s^2."""
 YawRate = NewType("YawRate", float)
 """Yaw rate in rad/s, clockwise positive seen from above (MAVLink's NED frame)."""
 

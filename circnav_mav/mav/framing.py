@@ -13,8 +13,10 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import all as dialect
 
 V1, V2 = 0xFE, 0xFD
+"""First bytes of frames of MAVLink 1 and 2."""
 MAGICS = (V1, V2)
 SIGNED = 0x01
+"""Incompatibility flag of a signed frame."""
 CRC, SIGNATURE = 2, 13
 """Lengths of the tails of a frame, bytes."""
 _HEADER_1 = Struct("<xBxBBB")

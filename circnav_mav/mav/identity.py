@@ -19,6 +19,7 @@ MOVES_AFTER = 1.5
 PROOF_LASTS = 2.0
 """Time, s, for which a proof of the vehicle's identity counts: two heartbeats of PX4."""
 MOST_MISFITS = 16
+"""Senders that do not fit and are kept for the message to the operator: bounds what a hostile link can fill."""
 FLOODED = 3.0
 """Time, s, since something was last left unread, after which a flood is over."""
 RIVAL_KEPT = 5.0

@@ -26,7 +26,9 @@ from circnav_mav.mav.frames import (
 MOST_TILT = 1.2
 """Tilt, rad, beyond which no turn is coordinated and no thrust carries the weight any more."""
 ATTITUDE_MAX_AGE = 0.5
+"""Age, s, from which on an attitude is none: the age of a stale range, ten messages at 20 Hz."""
 AIR_MAX_AGE = 1.5
+"""Age, s, from which on an airspeed is none; chosen, it comes more seldom than the attitude."""
 MOST_LATE = 0.4
 """Longest time on the way, s, that an attitude is believed to have had; less than ATTITUDE_MAX_AGE, so that a clock
 that was set anew never takes the heading away."""

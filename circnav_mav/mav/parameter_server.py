@@ -18,6 +18,7 @@ REQUESTS = frozenset(
 )
 """Ids of the messages that ask for a parameter."""
 EVERY_COMPONENT = 0
+"""Target component of a request to all components (MAVLink)."""
 MOST_AT_ONCE = 2
 """Values sent in one step: a whole list at once would delay setpoints on a slow link."""
 

@@ -14,9 +14,13 @@ from circnav_mav.mav.framing import HEADERS
 from circnav_mav.mav.statustext import plain_text
 
 ANSWER_TIMEOUT = 0.7
+"""Time, s, until a parameter is asked for again; chosen."""
 TRIES = 3
+"""Times that a parameter is asked for; chosen."""
 AT_ONCE = 5
+"""Parameters that are asked for at a time: a slow radio does not queue more."""
 BY_NAME = -1
+"""param_index of a request by name (MAVLink)."""
 _FORMATS = {
     dialect.MAV_PARAM_TYPE_UINT8: "<Bxxx",
     dialect.MAV_PARAM_TYPE_INT8: "<bxxx",

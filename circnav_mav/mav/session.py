@@ -17,6 +17,7 @@ from circnav_mav.mav.statustext import Announcer
 from circnav_mav.mav.vehicle_state import READ, VehicleState
 
 HEARTBEAT_PERIOD = 1.0
+"""Time, s, between two heartbeats (MAVLink: 1 Hz)."""
 LOST_AFTER = 3.0
 """Silence of the vehicle about its mode, s, after which the link counts as lost (MAVSDK's figure)."""
 SENT_KEPT = 1024
@@ -25,6 +26,7 @@ TWIN_FRAMES, TWIN_WITHIN = 4, 10.0
 """So many frames in our name that we did not send, within so many seconds, are of another companion: it says at least a
 heartbeat a second. A stray one now and then is nobody's."""
 MOST_REPLIES = 4
+"""Answers to TIMESYNC in one step at most: a flood is not answered."""
 ECHO_RATE = 4.0
 """Rate, Hz, of the vehicle's reports of the setpoint that it flies."""
 ECHOES = ("POSITION_TARGET_LOCAL_NED", "ATTITUDE_TARGET", "NAV_CONTROLLER_OUTPUT")

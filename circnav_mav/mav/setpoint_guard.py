@@ -18,6 +18,7 @@ MOST_DAMPED = 1.25
 MAX_PITCH, MAX_CLIMB = radians(15), 1.0
 """Pitch of an attitude setpoint, rad, and climb rate of a velocity setpoint, m/s: height is held, not changed."""
 EVERYBODY = 0
+"""Target id of a broadcast (MAVLink), which no setpoint may have."""
 BODY_NED = dialect.MAV_FRAME_BODY_NED
 
 

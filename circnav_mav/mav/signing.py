@@ -18,14 +18,19 @@ from pymavlink.dialects.v20 import all as dialect
 from circnav_mav.mav.framing import SIGNATURE, SIGNED, V2
 
 KEY_LENGTH = 32
+"""Bytes of a key (MAVLink signing)."""
 ZERO_KEY = bytes(KEY_LENGTH)
 """What PX4 (main of 2026) signs with until it is given a key: anybody's, so it proves and protects nothing."""
 EPOCH = 1_420_070_400
 """Start of 2015, unix seconds."""
 SECOND = 100_000
+"""Steps of 10 us, in which a signature counts time, in a second."""
 MINUTE = 60 * SECOND
+"""Steps of 10 us in a minute, by which a new sender may be behind (MAVLink signing)."""
 LATEST = 2**48 - 1
+"""Largest time that the 48 bits of a signature hold."""
 _FLAGS_AT = 2
+"""Place of the incompatibility flags in a frame of MAVLink 2."""
 _HASH = 6
 """Bytes of the hash, which ends a signature, and of the timestamp before it."""
 

@@ -10,10 +10,13 @@ from circnav_mav.mav.clocks import our_boot_ms
 from circnav_mav.mav.codec import Ids, Message, ids
 
 TEXT_INTERVAL = 2.0
+"""Least time, s, between two texts of one kind; chosen for a ground station's list."""
 PLOT_INTERVAL = 0.25
+"""Least time, s, between two NAMED_VALUE_FLOAT of a kind; chosen, 4 Hz draws a curve."""
 CHUNK, LONGEST_TEXT = 50, 200
 """Bytes of a STATUSTEXT, and of a text: longer ones go out in chunks."""
 MOST_SENDERS = 16
+"""Senders whose texts are put together: bounds the memory that a hostile link can fill."""
 MOST_PLOTTED = 1e38
 """More does not fit into single precision, and is no number to look at."""
 

@@ -6,7 +6,9 @@ from circnav_mav.mav.framing import V2
 NAME = "SIM_TRUTH"
 """DEBUG_FLOAT_ARRAY under this name carries the truth."""
 _ID = 350
+"""Message id of DEBUG_FLOAT_ARRAY."""
 _NUMBERS = 16
+"""Numbers of the truth in it, as the emulator sends them."""
 
 
 def is_truth_frame(frame: bytes) -> bool:

@@ -22,8 +22,11 @@ NOISE_NEAR, NOISE_FAR = 1.5, 4.0
 say less: both bounds grow by one part in the root of their number, so that an honest 0.5 m is doubted in 3 of 1000
 surveys of ten ranges and in none of 20,000 of fifty."""
 MOST_REJECTED = 0.1
+"""Share of rejected ranges above which preflight warns; chosen."""
 MOST_OUTLIERS = 0.05
+"""Share of outliers above which preflight warns; chosen, half of what the benchmark flies."""
 LATE = 0.1
+"""Age of a range on its way, s, above which preflight warns; chosen, two ticks."""
 
 
 def judge_ranging(mission: Mission, survey: Survey) -> Iterator[Check]:

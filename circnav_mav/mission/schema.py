@@ -19,6 +19,7 @@ from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 FAR = 1e9
 """Most that a number may be: beyond, products of a few of them are no numbers any more."""
 MOST_PORT = 65535
+"""Largest port (16 bits)."""
 MOST_STALE = 5.0
 """Age of a range, s, that nothing should be steered by."""
 MAX_TURN_LAG = 10.0

@@ -7,6 +7,7 @@ from circnav_mav.mav.session import Session
 PROOF = 3.0
 """Time, s, that an accepted request has to show in the vehicle's heartbeat (PX4 sends one a second)."""
 TRIES = 3
+"""Times that an exit action is asked for before the safe setpoints end it; chosen."""
 SAFE_SETPOINTS = 3
 """Times that the safe setpoint is sent before silence: a datagram can be lost."""
 PATIENCE = 12.0

@@ -24,6 +24,7 @@ from circnav_mav.pilot.height import Height
 from circnav_mav.pilot.settings import VEHICLE, PilotSettings
 
 TICK = 0.05
+"""Time, s, between two steps of a survey: that of a flight."""
 SETTLE = 2.0
 """Time, s, that the streams get to come up after the vehicle was found, before anything is measured."""
 PARAMETER_PATIENCE = 10.0

@@ -17,6 +17,7 @@ from circnav_mav.runlog.events import Event, events
 from circnav_mav.runlog.run_folder import Run
 
 MOST_EVENTS = 60
+"""Events that the page lists; of more, the first and the last half. Chosen."""
 LABEL = 13
 """Width of the labels of a verdict, characters."""
 OUTCOMES = {"COMPLETED": "good", "INTERRUPTED": "warn"}

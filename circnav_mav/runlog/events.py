@@ -12,6 +12,7 @@ from circnav_mav.runlog.ticks import Ticks
 from circnav_mav.runlog.tlog import read_messages
 
 STATUSTEXT = 253
+"""Message id."""
 OUR_COMPONENTS = range(191, 195)
 OURS, ALARM = "circnav says", "alarm"
 SEVERE = {"vehicle says": 3, OURS: 4}

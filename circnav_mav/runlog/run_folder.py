@@ -17,6 +17,7 @@ from circnav_mav.runlog.ticks import Ticks, Truth, read_ticks, read_truth
 from circnav_mav.runlog.tlog import Damage, find_damage
 
 YEAR_2100_US = 4_102_444_800_000_000
+"""Start of 2100, microseconds since 1970: later is a damaged manifest."""
 
 
 class _Autopilot(BaseModel, strict=True):

@@ -14,9 +14,11 @@ from circnav_mav.mav.codec import Decoder, Message
 from circnav_mav.mav.framing import SIGNED, V1, V2, frame_at, is_good
 
 STAMP = 8
+"""Bytes of the time before each frame of a .tlog."""
 LONGEST = STAMP + 280
 """A stamp and the longest frame, a signed one, bytes."""
 CHUNK = 1 << 20
+"""Bytes that are read at a time; chosen."""
 LATEST = 14
 """Second byte of a stamp at most, the first one is 0: a moment before 2105."""
 RECORD = re.compile(rb"\x00[\x00-\x0e].{6}[\xfd\xfe]", re.DOTALL)

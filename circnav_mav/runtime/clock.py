@@ -9,6 +9,7 @@ OUT_OF_STEP = 1.0
 SPAN, SHORTEST_SPAN = 2.0, 0.25
 """Real time, s, over which the autopilot's speed is measured, and the least that will do."""
 SLOWEST, FASTEST = 0.01, 1000.0
+"""Bounds of an autopilot's measured speed, in units of real time: beyond them a stamp is wrong; chosen."""
 _THROUGH_SLEEP: int | None = getattr(time, "CLOCK_BOOTTIME", None)
 
 

@@ -19,6 +19,7 @@ from circnav_mav.runtime.picture import Picture
 from circnav_mav.runtime.status import Begun, Status, Watch, kind, shown
 
 PICTURES_A_SECOND = 4
+"""Pictures a second; chosen, more are not read."""
 PATIENCE = 1.0
 """Time, s, that a stuck terminal is given at the end of the flight."""
 

@@ -28,6 +28,7 @@ RECEIVE_BUFFER = 1 << 18
 at twenty times real time. In a flood that cannot be read as fast as it comes something is lost in any case, and what
 waits in a longer queue is only late: with 1 MB every range, and a takeover, came 1 s late."""
 _MOST_HOSTS = 256
+"""Hosts whose verdict is kept: bounds the memory that a flood of addresses can fill."""
 MOST_TROUBLES, NOT_HEARD = 4, "ignored: sent by others"
 """Kinds of trouble from which on what others make up is no longer told one by one."""
 LOCAL_PORT = 14691
@@ -40,6 +41,7 @@ which is none, where the device goes while it is being opened."""
 HALF_OPEN = 3.0
 """Time, s, without acknowledgement after which a TCP connection counts as gone."""
 CONNECT_PATIENCE = 5.0
+"""Time, s, that a TCP peer gets to answer; chosen."""
 
 
 class Link(Protocol):

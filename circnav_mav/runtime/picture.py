@@ -18,6 +18,7 @@ from circnav_mav.runtime.status import SILENCED, Status, told
 
 STYLES = {Phase.ENGAGED: "green", Phase.HOLDING: "yellow", Phase.YIELDED: "magenta", Phase.LEAVING: "cyan"}
 NARROWEST, WIDEST = 80, 160
+"""Columns of the narrowest and the widest picture: a terminal's usual width, and twice that."""
 BAR = 41
 """Cells of a bar on the narrowest, an odd number: the middle one is a place of its own."""
 CELLS, CELL = 40, 1.5
@@ -25,6 +26,7 @@ CELLS, CELL = 40, 1.5
 ALARM, LABEL = "ALARM", 12
 """The label of an alarm, and the columns of all labels."""
 MOST_ALARMS, MOST_REASONS = 3, 3
+"""Alarms and reasons of rejected ranges that the picture has room for."""
 HOW_TO_STOP = "Ctrl-C ends the flight. Any other flight mode: circnav stops sending."
 
 

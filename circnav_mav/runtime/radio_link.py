@@ -16,6 +16,7 @@ from circnav_mav.runtime.links import Link, note, open_link
 SYSTEM, COMPONENT = 1, dialect.MAV_COMP_ID_ONBOARD_COMPUTER2
 """The ids under which a driver's readings are logged: those of a radio on the companion in docs/own-vehicle.md."""
 UNKNOWN, NO_PLACE = 0xFFFFFFFF, 0x7FFFFFFF
+"""Numbers of RANGING_BEACON that stand for nothing known (UINT32_MAX and INT32_MAX)."""
 LONGEST_STAMP = 1e12
 """Seconds: what is beyond is no time."""
 MOST_WORDS = 200

@@ -33,7 +33,9 @@ class Draws:
 
 
 GAUSS_AT = np.array([0.5 - np.sqrt(15) / 10, 0.5, 0.5 + np.sqrt(15) / 10])
+"""Places of the Gauss-Legendre rule with three points on 0 to 1, exact to the fifth degree."""
 GAUSS_WEIGHT = np.array([5.0, 8.0, 5.0]) / 18
+"""Its weights."""
 VEER_TIME, VEER_EVERY = 10.0, 50.0
 """Duration of a turn of the wind, and its period, s."""
 

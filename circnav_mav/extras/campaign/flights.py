@@ -128,6 +128,7 @@ def _array(values: Iterable[Any]) -> Array:
 
 
 NEVER = 1 << 40
+"""Number of a step that no flight reaches: 1,700 years of steps of 0.05 s."""
 
 
 def engagement_times(run: Run) -> tuple[float, float] | None:

@@ -19,7 +19,9 @@ from circnav_mav.report.plots import STYLE, literal, save
 Rows = Sequence[dict[str, str]]
 LOST, LINE = "#c8501e", "#1f5fa8"
 MOST_LINES = 8
+"""Values of a key up to which a picture has a line for each; chosen."""
 BINS = 12
+"""Groups of flights along an axis; chosen, enough for a curve and few enough for medians."""
 
 
 def plot_campaign(

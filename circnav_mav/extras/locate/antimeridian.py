@@ -6,6 +6,7 @@ from itertools import pairwise
 Point = list[float]
 """Longitude and latitude, degrees."""
 TURN, EDGE = 360.0, 180.0
+"""Degrees of longitude in a circle, and those of the antimeridian."""
 
 
 def cut_line(points: Sequence[Point]) -> list[list[Point]]:

@@ -19,6 +19,7 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
 
 UNKNOWN_ACCURACY = 2**32 - 1
+"""MAVLink's number for an accuracy that is not known (UINT32_MAX)."""
 NOT_IN_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Control characters, and what is no character."""
 
@@ -79,7 +80,9 @@ def position_estimate(
 UNKNOWN = "9999999.0"
 """Cursor on Target's number for a height or an error that is not known."""
 COT_STALE = 30.0
+"""Age, s, at which a map drops a marker that is not renewed; chosen."""
 CORNERS = 72
+"""Corners of the drawn ellipse, every 5 deg: a chord is within 0.1 % of the radius."""
 
 
 def ring(place: Place) -> list[list[float]]:

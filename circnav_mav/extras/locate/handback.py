@@ -48,6 +48,7 @@ autopilot by itself was some km off."""
 MOST_GIVEN = 10_000
 """Newest positions that are kept for handback.csv: 2.7 hours of one per second."""
 PLACE_SIGMA = 15.0
+"""Standard deviation of the beacon's place, m, above which no position is made from it; chosen."""
 COMPASS_SIGMA = 0.03
 """What is not known of the compass, rad, where its bias was learnt; three times that where it was not."""
 WIND_SIGMA, STRAYS = 0.3, 0.6

@@ -57,11 +57,13 @@ MOST_AHEAD = 5.0
 WINDOW = 600.0
 """Newest time, s, that the place is made from."""
 MOST_KEPT = 2000
+"""Ranges that a solution goes by at most; more are thinned, because handing over thousands costs a tick."""
 GONE = 10.0
 """Silence of the vehicle, s, after which nothing is given back any more."""
 AFTER = {dialect.MAVLINK_MSG_ID_ATTITUDE: 10.0, dialect.MAVLINK_MSG_ID_VFR_HUD: 5.0}
 """Streams that dead reckoning needs when the pilot has given its own back, message id -> Hz."""
 SOLVE_EVERY, TELL_EVERY, TEXT_EVERY = 1.0, 1.0, 30.0
+"""Least time, s, between two solutions, two lines of the map and two texts to the ground station; chosen."""
 SOLVE_SHARE = 0.03
 """Of the time that the positions span, between two estimates: one takes up to half a second, and the more there is to
 go by, the less a new second tells."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 SEMI_MAJOR, ECCENTRICITY_SQUARED = 6378137.0, 6.69437999014e-3
+"""WGS 84's ellipsoid: semi-major axis, m, and first eccentricity squared."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ import signal
 from concurrent.futures import ProcessPoolExecutor
 
 NICE = 5
+"""Niceness of the solver's process, so that the flight's goes first; chosen."""
 
 
 def start_solver() -> ProcessPoolExecutor:

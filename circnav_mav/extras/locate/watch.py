@@ -13,12 +13,14 @@ from math import atan2, degrees
 SPAN = 3.0
 """Time, s, over which ways are compared: longer than the jitter of the streams, much shorter than a lap."""
 FACTOR = 5.0
+"""Difference, in standard deviations, from which on two sources disagree: the gate of the estimators."""
 RANGE_FLOOR, SPEED_FLOOR, BEARING_FLOOR = 6.0, 4.0, 0.2
 """Differences, m, m/s and rad, that are no alarm however small the standard deviations are: GPS multipath, gusts, and a
 compass in a turn."""
 PATIENCE = 2.0
 """Time, s, that a comparison must fail for."""
 WIND_MEMORY = 20.0
+"""Time constant, s, of the wind and its gusts, and the time before they count; chosen, shorter than a lap."""
 RECENT = 30.0
 """Time, s, for which a way that did not fit tells against the GPS."""
 CALM = 10.0

@@ -103,6 +103,7 @@ POSITION = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 PIECE = 1.0
 """Length of a piece of the drawn track, and interval of the range rings, s."""
 CORNERS = 90
+"""Corners of a drawn circle, every 4 deg: a chord is within 0.1 % of the radius."""
 BLUE, GREEN, GRAY, ORANGE = (0.0, 0.45, 0.7, 1.0), (0.0, 0.62, 0.45, 1.0), (0.6, 0.6, 0.6, 0.6), (0.84, 0.37, 0.0, 1.0)
 """From Okabe and Ito's palette for color-blind readers."""
 Entry = tuple[str, float, Any]

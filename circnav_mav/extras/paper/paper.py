@@ -22,13 +22,17 @@ from circnav_mav.guidance.maths import Batch, chord
 from circnav_mav.report.plots import STYLE, save
 
 V, TARGET, R_D = 1.0, (0.0, -10.0), 10.0
+"""Speed, place of the target and radius of the paper's examples (its units)."""
 TOLERANCE = 0.05
 """Settled: within this fraction of r_d round the predicted radius."""
 SECONDS = 200.0
+"""Time of a flight: longer than all in the paper need to settle."""
 MIRRORED = 40
+"""Flights that are flown again in the mirror, to show that both senses are one law."""
 SLACK = 1e-3
 """Depth inside the circle that does not count as entering, over r_d. The switching law chatters by V step."""
 STEP = 0.02
+"""Step of the simulation, s, in which the turn rate is held: a 500th of r_d/V."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,8 @@ from circnav_mav.runtime.runner import StopRequest, wait
 PERIOD, SPAN = 1.0, 10.0
 """Time, s, between two lines, and which they are about."""
 MOST_HEARD, MOST_BEACONS = 20_000, 32
+"""Ranges that are kept of a beacon, and beacons that are told apart: bounds of memory on a link that anybody may
+feed."""
 FEW = 5
 """Ranges from which on they tell of scatter and clock."""
 OUTLIER = 5.0

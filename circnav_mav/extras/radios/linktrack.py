@@ -9,6 +9,7 @@ from typing import NamedTuple
 from circnav_mav.mav.ranging.driver import Driver, RadioReading
 
 HEADER = 0x55
+"""First byte of every frame (Nooploop's protocol)."""
 SHORTEST = 4
 """Bytes that hold header, kind and length of a frame."""
 

@@ -29,8 +29,11 @@ from circnav_mav.runtime.status import SILENCED, Status, Watch, told
 
 HOST = "127.0.0.1"
 LINES_A_SECOND = 10
+"""Updates of the page a second; chosen."""
 START_PATIENCE, STOP_PATIENCE = 10.0, 3.0
+"""Time, s, that the page's process gets to start, and to end; chosen."""
 LONGEST_TEXT = 300
+"""Characters of one text on the page at most; chosen, longer ones are names from outside."""
 NEEDED = ("starlette", "uvicorn")
 PAGE_SPEED = 6.0
 """Speed, times real time, at which the bundled vehicle flies for the live page if none was asked for."""

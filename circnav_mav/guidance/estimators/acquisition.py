@@ -18,9 +18,11 @@ from circnav_mav.guidance.estimators.range_bins import Bins, RangeWindow
 from circnav_mav.guidance.maths import Batch
 
 UNKNOWNS = 5
+"""Position (2), drift (2) and airspeed scale."""
 GUESSES = 32
 """On the ring."""
 MOST_DAMPING, LEAST_DAMPING = 1e6, 1e-4
+"""Bounds of the damping of Levenberg and Marquardt: nearly no step, and nearly Gauss-Newton; chosen."""
 ROBUST = 4.0
 """Residuals beyond so many standard deviations count as if at the edge (a Cauchy-like weight)."""
 SWITCH = 0.5

@@ -22,10 +22,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from circnav_mav.guidance.maths import Array, arctan2, cos, exp, maximum, sin, unit, wrap
+from circnav_mav.guidance.maths import Array, Batch, Number, arctan2, cos, exp, maximum, sin, unit, wrap
 
 R, THETA, DX, DY, KAPPA, B, GX, GY, FORWARD, LEFT, EX, EY = range(12)
 STATES = 12
+"""Rows of the state: range, direction, drift, airspeed scale, gust, range error and what the accelerometers need."""
 AXES = np.zeros((2, STATES, 1, 1))
 AXES[0, [DX, GX, EX]] = AXES[1, [DY, GY, EY]] = 1.0
 """Which states are a drift to the east and to the north."""
@@ -116,7 +117,7 @@ class Hypotheses(NamedTuple):
         return weight / weight.sum(axis=0)
 
 
-def predict(h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array, felt: Felt | None = None) -> Hypotheses:
+def predict(h: Hypotheses, noise: Noise, dt: Batch, chord: Batch, sigma: Batch, felt: Felt | None = None) -> Hypotheses:
     """Carry on by dt (B,), in s, along air paths whose chords are (2, B), in m at the measured airspeed; felt: where
     the acceleration was measured meanwhile."""
     keep, x, P = np.ones((STATES, 1, dt.size)), h.x, h.P  # what is left of each state but range and direction
@@ -161,7 +162,7 @@ def predict(h: Hypotheses, noise: Noise, dt: Array, chord: Array, sigma: Array, 
     return Hypotheses(x, P, h.log_weight * np.exp(-dt / WEIGHT_MEMORY))
 
 
-def _felt_rows(felt: Felt, keep: Array) -> Array:
+def _felt_rows(felt: Felt, keep: Batch) -> Array:
     """The measured change of velocity by the states before the step, (2, 12, 1, B):
 
     change = kappa air + (g + d) after - (g + d) before + (f, l) turned by the nose + white noise
@@ -177,7 +178,7 @@ def _felt_rows(felt: Felt, keep: Array) -> Array:
     return rows
 
 
-def _correct(x: Array, P: Array, feels: Array, C: Array, S: Array, noise: Array, nu: Array) -> None:
+def _correct(x: Batch, P: Batch, feels: Batch, C: Batch, S: Batch, noise: Batch, nu: Batch) -> None:
     """Correct x and P in their place by two measurements with covariances C (2, 12, M, B) with the state, S (2, 2, M,
     B) and `noise` (M, B) of each, and innovations nu (2, M, B), where they count (`feels`)."""
     # the 2 x 2 system by its Cholesky factor: what is symmetric stays so
@@ -193,13 +194,13 @@ def _correct(x: Array, P: Array, feels: Array, C: Array, S: Array, noise: Array,
     _within_bounds(x)
 
 
-def _within_bounds(x: Array) -> None:
+def _within_bounds(x: Batch) -> None:
     np.maximum(x[R], CLOSEST, out=x[R])
     least, most = KAPPA_RANGE
     np.minimum(np.maximum(x[KAPPA], least), most, out=x[KAPPA])
 
 
-def motion(x: Any, dt: Array, chord: Any) -> tuple[Array, Array, tuple[tuple[int, Array], ...]]:
+def motion(x: Any, dt: Number, chord: Any) -> tuple[Array, Array, tuple[tuple[int, Array], ...]]:
     """Range and direction after dt along a chord, and their row of the Jacobian: what an error of each state does to
     the range, and, as the imaginary part, to the direction times the range. States that do nothing are left out.
 
@@ -221,12 +222,12 @@ def motion(x: Any, dt: Array, chord: Any) -> tuple[Array, Array, tuple[tuple[int
     return maximum(abs(seen), CLOSEST), x[THETA] + turn, row
 
 
-def steps(drift_psd: Array, gust: Array, dt: Array) -> tuple[Array, Array]:
+def steps(drift_psd: Number, gust: Number, dt: Number) -> tuple[Array, Array]:
     """By how much the variances of d and g grow in dt, m^2/s^2."""
     return drift_psd * dt, (1 - exp(-2 * dt / GUST_TIME)) * gust**2
 
 
-def wandered(steady: Array, gusty: Array, dt: Array) -> Array:
+def wandered(steady: Number, gusty: Number, dt: Number) -> Array:
     """By how much the variance of the place grows meanwhile, m^2, beyond what the motion does."""
     return (steady + gusty) * (dt**2 / 3) + POSITION_PSD * dt
 
@@ -235,7 +236,7 @@ Updated = tuple[Hypotheses, Array, Array]
 """The hypotheses after a measurement; for each, (M, B), its normalised innovation squared and whether it was taken."""
 
 
-def update(h: Hypotheses, noise: Noise, z: Array, sigma: Array, valid: Array, gate: float) -> Updated:
+def update(h: Hypotheses, noise: Noise, z: Batch, sigma: Batch, valid: Batch, gate: float) -> Updated:
     """Take in one range per flight, z and sigma (B,), where valid (B,); per hypothesis refuse it outside the gate."""
     PH = h.P[:, R] + h.P[:, B]
     S = np.maximum(PH[R] + PH[B], 0.0) + (noise.white * sigma) ** 2
@@ -256,7 +257,7 @@ def update_rate(h: Hypotheses, rates: Rates, gate: float) -> Hypotheses:
     return _fused(h, PH, rates.r_dot - along, S, rates.valid, gate, RATE_SPREAD)[0]
 
 
-def _fused(h: Hypotheses, PH: Array, nu: Array, S: Array, valid: Array, gate: float, spread: float) -> Updated:
+def _fused(h: Hypotheses, PH: Batch, nu: Batch, S: Batch, valid: Batch, gate: float, spread: float) -> Updated:
     """After a measurement with innovation nu of variance S; PH: covariance of the states with it. spread: an outlier is
     anywhere within."""
     nis = nu**2 / S
@@ -271,7 +272,7 @@ def _fused(h: Hypotheses, PH: Array, nu: Array, S: Array, valid: Array, gate: fl
     return Hypotheses(x, P, log_weight - log_weight.max(axis=0)), nis, taken
 
 
-def axes(theta: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+def axes(theta: Number) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Unit vectors along and across (left of) the line from the target."""
     c, s = cos(theta), sin(theta)
     return (c, s), (-s, c)
@@ -290,7 +291,7 @@ def mixture(h: Hypotheses) -> tuple[Array, Array]:
     return mean, np.einsum("mb,ijmb->ijb", w, h.P) + np.einsum("imb,jmb->ijb", apart, apart)
 
 
-def polar(p: Array, P: Array) -> tuple[Array, Array]:
+def polar(p: Batch, P: Batch) -> tuple[Array, Array]:
     """State (p_x, p_y, ...) of shape (12, B) with covariance (12, 12, B) as (r, theta, ...)."""
     r = np.maximum(np.hypot(p[0], p[1]), CLOSEST)
     n = p[:2] / r
@@ -304,11 +305,11 @@ def polar(p: Array, P: Array) -> tuple[Array, Array]:
     return x, (turned + np.swapaxes(turned, 0, 1)) / 2
 
 
-def position(x: Array) -> Array:
+def position(x: Batch) -> Array:
     """p = vehicle - target (2, ...), m."""
     return x[R] * np.stack([np.cos(x[THETA]), np.sin(x[THETA])])
 
 
-def drift(x: Array) -> Array:
+def drift(x: Batch) -> Array:
     """d + g + e (2, ...), m/s."""
     return x[DX : DY + 1] + x[GX : GY + 1] + x[EX : EY + 1]

@@ -22,6 +22,7 @@ POSITION_PSD, ANGLE_PSD = 0.05**2, 0.03**2
 CLOSEST = 5.0
 """The angle is singular at the target: ranges count as at least this, m."""
 WEIGHT_MEMORY = 20.0
+"""Time constant, s, after which evidence for one side of the target counts no more; chosen."""
 LOST_AFTER = 10
 """Refused samples in a row that start both filters anew."""
 SURE = 0.5

@@ -13,6 +13,7 @@ from circnav_mav.mav.autopilots.interface import Autopilot, Firmware
 from circnav_mav.mav.autopilots.parameters import FAIL, PASS, WARN, Context, Verdict, always, one_of, rule, timeout
 
 ALTCTL, POSCTL, AUTO, OFFBOARD, ALT_CRUISE = 2, 3, 4, 6, 11
+"""Main modes (PX4's px4_custom_mode.h)."""
 
 
 def custom_mode(main: int, sub: int = 0) -> int:

@@ -30,6 +30,7 @@ STICK_SCALE = 0.5
 _STICK_LOSS: dict[float, str] = {1: "stays in Hold", 2: "flies home (RTL)", 3: "lands where it is"}
 _STOPS_MOTORS = {5: "terminates the flight", 6: "disarms"}
 _STOCK_STICK_LOSS = 2.0
+"""Default of NAV_RCL_ACT: return."""
 _HOLD_EXCEPTED = 2
 """COM_RCL_EXCEPT, bit 1."""
 _NO_STICKS = (FAIL, "sticks from MAVLink are ignored: set it to 1 (MAVLink only)")

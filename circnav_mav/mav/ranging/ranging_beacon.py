@@ -4,6 +4,7 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.ranging.interface import RangingMessage, Reading, Reject
 
 UNKNOWN = (0, 0xFFFFFFFF)
+"""Numbers that stand for nothing measured (0 and UINT32_MAX)."""
 
 
 def _read(message: Message) -> Reading | Reject:

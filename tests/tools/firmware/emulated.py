@@ -5,6 +5,7 @@ the turn command over the last two laps, and how they compare with flights kept 
 """
 
 import argparse
+from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from math import degrees, pi
@@ -13,7 +14,7 @@ from statistics import median
 
 import numpy as np
 
-from tests.flight.lockstep import clockwise_turns, flight, rms_error
+from tests.flight.lockstep import clockwise_turns, flight, rms_error, true_radius
 from tests.tools.firmware.flight import VEHICLES
 from tests.tools.firmware.table import told
 
@@ -58,16 +59,21 @@ CIRCLES = {one.mission: (one.radius, one.speed) for one in VEHICLES.values()}
 
 @dataclass(frozen=True)
 class Flown:
-    """rms: m. turn_sd: deg/s. right: whether it went round as desired."""
+    """rms, worst: of the radius error, m. turn_sd: deg/s. at_limit: share of the commands that the limit cut. right:
+    True if the vehicle went round as desired."""
 
     rms: float
+    worst: float
     turn_sd: float
+    at_limit: float
     right: bool
 
 
-def fly(row: str, seed: int, direction: str = "clockwise", count: int = 2) -> Flown:
+def fly(
+    row: str, seed: int, direction: str = "clockwise", count: int = 2, rows: Mapping[str, tuple[str, ...]] = ROWS
+) -> Flown:
     """One flight of the emulator, of which so many laps are judged."""
-    mission, *changes = ROWS[row]
+    mission, *changes = rows[row]
     radius, speed = CIRCLES[mission]
     laps = count * 2 * pi * radius / speed
     changes.append(f'orbit.direction="{direction}"')
@@ -76,7 +82,14 @@ def fly(row: str, seed: int, direction: str = "clockwise", count: int = 2) -> Fl
     truths = [truth for truth in flown.truths if truth.time > flown.now - laps]
     turns = [tick.turn_rate for tick in flown.ticks if tick.time > flown.now - laps and tick.turn_rate is not None]
     turned = clockwise_turns(truths) if direction == "clockwise" else -clockwise_turns(truths)
-    return Flown(rms_error(truths, radius), degrees(float(np.std(turns))), turned > count / 2)
+    limit = flown.pilot.settings.orbit.max_turn_rate
+    return Flown(
+        rms_error(truths, radius),
+        max(abs(true_radius(truth) - radius) for truth in truths),
+        degrees(float(np.std(turns))),
+        float(np.mean(np.abs(turns) > 0.99 * limit)),
+        turned > count / 2,
+    )
 
 
 def main() -> None:

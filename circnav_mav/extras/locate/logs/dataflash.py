@@ -19,10 +19,12 @@ BINARY, TEXT = b"\xa3\x95\x80", b"FMT, 128, "
 GOOD = 4
 """RangeFinder::Status: the other states carry no distance."""
 EKF_ORIGIN = 0
+"""ORGN.Type of the estimator's origin (ArduPilot's LogOriginType)."""
 BEACONS = ("D0", "D1", "D2", "D3")
 GPS_EPOCH, LEAP_SECONDS = 315_964_800, 18
 """GPS time zero in seconds since 1970, and the leap seconds since 2017."""
 WEEK = 604_800
+"""Seconds of a GPS week."""
 NO_READINGS = ("FMT", "FMTU", "UNIT", "MULT", "PARM", "MSG")
 """Messages that describe the log or the autopilot; PARM has names and values, of which none is measured."""
 LIKE_RANGES = ("dist", "range", "rng", "slant")

@@ -10,6 +10,7 @@ from circnav_mav.extras.locate.logs.interface import Format, ReadOptions, senten
 from circnav_mav.extras.locate.range_log import Position, RangeLog
 
 DAY = 86_400.0
+"""Seconds of a day."""
 
 
 def _read(path: Path, options: ReadOptions) -> list[RangeLog]:

@@ -1,0 +1,286 @@
+"""python -m tests.tools.bench.ablation --results FILE [--seconds T] [--table]: the worth of each layer on the turn.
+
+One layer at a time is switched off from outside, in flights of the emulated vehicles (rows of docs/firmware.md) and in
+rows of the benchmark, with the same seeds. FILE keeps a line for each flight or row; what is there is not flown again,
+and a run ends after T seconds. `--table` prints the table from FILE.
+
+With all layers on, each answer of a layer is compared with its answer when switched off. A layer whose answers never
+differ does not change that flight, so the flight is not flown again.
+"""
+
+import argparse
+import inspect
+import json
+import random
+import sys
+import time
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass, replace
+from functools import partial, wraps
+from itertools import islice
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from circnav_mav.extras.batch.flight import SITUATIONS, fly_situation, policy
+from circnav_mav.extras.bench.bench import judged
+from tests.tools.firmware.emulated import CIRCLES, ROWS, fly
+
+FULL = "all"
+RINGING = "Rover whose steering rings"
+FLIGHTS = ROWS | {
+    RINGING: ("ardurover", "sim.vehicle.turn_frequency_rad_s=4.0", "sim.vehicle.turn_damping=0.1"),
+}
+FLOWN = (
+    "Plane R 150 V 22, calm",
+    "Plane, wind 5 + turbulence 1",
+    "Plane, wind 8",
+    "Plane, ROLL_LIMIT_DEG 35, wind 5",
+    "Copter, wind 5 + turbulence 1",
+    "Copter, target at 1 m/s",
+    "Rover R 20 V 3",
+    "PX4 copter, wind 3",
+    "PX4 plane by attitude, wind 2",
+    "Plane, airspeed 15 % above the mission's",
+    RINGING,
+)
+SEEDS = 1, 2, 3
+BENCHED = (
+    "wind .53 V",
+    "gusts 1.5, wind .33 V",
+    "the same with accelerations",
+    "target stops and goes",
+)
+BATCH, BATCH_SEED, LASTS = 20, 2027, 170.0
+"""Flights of a row of the benchmark, the seed of its published table, and the time of a flight, s (there 400)."""
+LAPS = 1
+"""Laps of an emulated flight that are judged."""
+AHEAD = 8
+"""Jobs of which the next is drawn, so that two runs at a time seldom fly the same."""
+KEPT, NEVER = 0.1, 0.2
+"""A circle is kept by an RMS error below the first and no error above the second, in units of the radius."""
+
+Function = Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class Layer:
+    """owner: class of the function; empty for a function of a module. takes: one of its arguments, which tells it from
+    others of its name. off: the answer without the layer, from the function and its arguments. batch: True if the array
+    engine has the layer."""
+
+    name: str
+    owner: str
+    function: str
+    takes: str
+    off: Function
+    batch: bool = False
+
+    @property
+    def places(self) -> list[tuple[Any, Function]]:
+        """Modules or classes that hold the function, with the function. Raises LookupError."""
+        modules = [one for name, one in sys.modules.items() if name.startswith("circnav_mav")]
+        holders = [getattr(one, self.owner, None) for one in modules] if self.owner else modules
+        held = [(one, vars(one)[self.function]) for one in holders if self.function in getattr(one, "__dict__", ())]
+        fit = {id(holder): (holder, held) for holder, held in held if self._fits(held)}
+        if not fit:
+            raise LookupError(f"layer {self.name}: no function {self.owner or 'module'}.{self.function}")
+        return list(fit.values())
+
+    def _fits(self, function: object) -> bool:
+        return inspect.isfunction(function) and self.takes in inspect.signature(function).parameters
+
+
+def _response_of_the_mission(response: Function, self: Any, link: float) -> Any:
+    return vars(self).setdefault("of_the_mission", response(self, link))._replace(link=link)
+
+
+def _present_turn_goes_on(at: Function, self: Any, now: float, response: Any, turn_rate: Any) -> Any:
+    return at(self, now, response, turn_rate)._replace(turn=turn_rate * response.delay)
+
+
+LAYERS = (
+    Layer("gain learner", "", "learn", "lag", lambda of, state, **seen: of(state, **seen)._replace(gain=state.gain)),
+    Layer("delay learner", "ResponseLearner", "response", "link", _response_of_the_mission),
+    Layer("Smith prediction", "PendingTurn", "at", "response", _present_turn_goes_on, batch=True),
+    Layer("bank limit", "BankLimit", "follow", "banked", lambda of, self, *seen: self),
+    Layer("limit-cycle watch", "", "drift_gains", "share", lambda of, V, delay, settles, *_: of(V, delay, settles)),
+    Layer("radius trim", "", "next_trim", "saturated", lambda of, *before, **seen: 0.0),
+    Layer("side-slip", "SideSlip", "follow", "own", lambda of, self, own: (self, own)),
+    Layer("lap plan", "", "plan", "limit", lambda of, *circle, **how: None, batch=True),
+    Layer("accelerations", "Knot", "felt_since", "before", lambda of, self, before: None),
+    Layer("change of drift", "", "drift", "change", lambda of, *at, **how: of(*at, **how | {"change": (0, 0)}), True),
+)
+NAMES = tuple(layer.name for layer in LAYERS)
+ACCELERATIONS = "accelerations"
+
+
+@contextmanager
+def replaced(layer: Layer, make: Callable[[Function], Function]) -> Iterator[None]:
+    """Put another function in the place of a layer's, wherever it is held."""
+    places = layer.places
+    for holder, function in places:
+        setattr(holder, layer.function, wraps(function)(make(function)))
+    try:
+        yield
+    finally:
+        for holder, function in places:
+            setattr(holder, layer.function, function)
+
+
+def without(layer: Layer) -> Any:
+    return replaced(layer, lambda function: answering(layer.off, function))
+
+
+def answering(off: Function, function: Function) -> Function:
+    """The function without its layer; unlike a `partial` it binds to an instance."""
+    return lambda *given, **named: off(function, *given, **named)
+
+
+@contextmanager
+def noted(acted: set[str]) -> Iterator[None]:
+    """Fly with all layers and note those whose answers differ from the answers without them."""
+
+    def compare(layer: Layer, function: Function) -> Function:
+        def compared(*given: Any, **named: Any) -> Any:
+            with_it = function(*given, **named)
+            if layer.name not in acted and _differ(with_it, layer.off(function, *given, **named)):
+                acted.add(layer.name)
+            return with_it
+
+        return compared
+
+    with ExitStack() as all_of_them:
+        for layer in LAYERS:
+            all_of_them.enter_context(replaced(layer, partial(compare, layer)))
+        yield
+
+
+def _differ(one: object, other: object) -> bool:
+    if one is None or other is None:
+        return one is not other
+    return bool(one != other)
+
+
+@dataclass(frozen=True)
+class Result:
+    """kept, of: flights. acted: layers that changed an answer, where all are on. Lengths in m, turn_sd in deg/s."""
+
+    row: str
+    seed: int
+    layer: str
+    rms: float
+    turn_sd: float
+    at_limit: float
+    kept: int
+    of: int
+    acted: tuple[str, ...] = ()
+
+
+def fly_row(row: str, seed: int, layer: str) -> Result:
+    """One flight of an emulated vehicle."""
+    acted: set[str] = set()
+    with noted(acted) if layer == FULL else without(_layer(layer)):
+        one = fly(row, seed, count=LAPS, rows=FLIGHTS)
+    radius = CIRCLES[FLIGHTS[row][0]][0]
+    kept = one.right and one.rms < KEPT * radius and one.worst < NEVER * radius
+    return Result(row, seed, layer, one.rms, one.turn_sd, one.at_limit, int(kept), 1, tuple(sorted(acted)))
+
+
+def fly_bench(row: str, layer: str) -> Result:
+    """One row of the benchmark."""
+    situation, world = SITUATIONS[row], BATCH_SEED + zlib.crc32(row.encode()) % 1_000_000
+    flown = replace(situation, duration=LASTS, imu=None if layer == ACCELERATIONS else situation.imu)
+    with ExitStack() as off:
+        if layer not in (FULL, ACCELERATIONS):
+            off.enter_context(without(_layer(layer)))
+        cell = judged(situation, "auto", fly_situation(flown, policy("auto"), BATCH, world), 0.0)
+    figures = cell.rms_median, cell.turn_std_deg_s, cell.turn_at_limit
+    return Result(row, BATCH_SEED, layer, *figures, cell.kept, cell.flights)
+
+
+def _layer(name: str) -> Layer:
+    return next(layer for layer in LAYERS if layer.name == name)
+
+
+def read(path: Path) -> dict[tuple[str, int, str], Result]:
+    """What was flown so far, by row, seed and layer."""
+    lines = path.read_text().splitlines() if path.exists() else []
+    results = [Result(**json.loads(line)) for line in lines]
+    return {(one.row, one.seed, one.layer): one for one in results}
+
+
+def due(done: dict[tuple[str, int, str], Result]) -> Iterator[Callable[[], Result]]:
+    """What is left to fly: seed by seed, each row with all layers first."""
+    for seed in (SEEDS[0], BATCH_SEED, *SEEDS[1:]):
+        for layer in (FULL, *NAMES):
+            for row in BENCHED if seed == BATCH_SEED else FLOWN:
+                if (row, seed, layer) in done or (layer != FULL and (row, seed, FULL) not in done):
+                    continue
+                if seed == BATCH_SEED and (layer == FULL or _in_batch(layer, row)):
+                    yield partial(fly_bench, row, layer)
+                elif seed != BATCH_SEED and (layer == FULL or layer in done[row, seed, FULL].acted):
+                    yield partial(fly_row, row, seed, layer)
+
+
+def _in_batch(layer: str, row: str) -> bool:
+    return _layer(layer).batch or (layer == ACCELERATIONS and SITUATIONS[row].imu is not None)
+
+
+def table(results: dict[tuple[str, int, str], Result]) -> str:
+    """The table in Markdown. A cell is the median radius RMS, m, the standard deviation of the turn command, deg/s, and
+    its share at the limit where it is 1 % or more. A dash: the layer changed no answer. Empty: not flown yet."""
+    ratios: dict[str, list[float]] = {name: [] for name in NAMES}
+    lines = [["row", FULL, *NAMES], ["---"] * (2 + len(NAMES))]
+    for row in (*FLOWN, *BENCHED):
+        seeds = SEEDS if row in FLOWN else (BATCH_SEED,)
+        full = [results[row, seed, FULL] for seed in seeds if (row, seed, FULL) in results]
+        cells = [row if row in FLOWN else f"benchmark: {row}", _cell(full)]
+        for name in NAMES:
+            applies = {one.seed for one in full if (_in_batch(name, row) if row in BENCHED else name in one.acted)}
+            off = {seed: results[row, seed, name] for seed in applies if (row, seed, name) in results}
+            pairs = [(one, off.get(one.seed, one)) for one in full if one.seed not in applies or one.seed in off]
+            cells.append(_cell([other for _, other in pairs]) if off else "" if applies else "-")
+            if off:
+                ratios[name].append(median(other.rms for _, other in pairs) / median(one.rms for one, _ in pairs))
+        lines.append(cells)
+    told = {name: sorted(ratio) or [1.0] for name, ratio in ratios.items()}
+    lines.append(["median ratio of RMS", "1", *(f"{median(told[name]):.2f}" for name in NAMES)])
+    lines.append(["least and largest", "1", *(f"{told[name][0]:.2f}, {told[name][-1]:.2f}" for name in NAMES)])
+    return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
+
+
+def _cell(results: list[Result]) -> str:
+    if not results:
+        return ""
+    rms, turn_sd, cut = (median(getattr(one, name) for one in results) for name in ("rms", "turn_sd", "at_limit"))
+    kept, of = sum(one.kept for one in results), sum(one.of for one in results)
+    limit = f", {100 * cut:.0f} %" if cut >= 0.005 else ""
+    return f"{rms:.2f}, {turn_sd:.1f}{limit}{'' if kept == of else f' (kept {kept} of {of})'}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--results", type=Path, required=True)
+    parser.add_argument("--seconds", type=float, default=240.0)
+    parser.add_argument("--table", action="store_true")
+    options = parser.parse_args()
+    if options.table:
+        print(table(read(options.results)))
+        return
+    began = time.monotonic()
+    while time.monotonic() - began < options.seconds:
+        jobs = list(islice(due(read(options.results)), AHEAD))
+        if not jobs:
+            print("all flown")
+            return
+        result = random.choice(jobs)()
+        with options.results.open("a") as file:
+            file.write(json.dumps(asdict(result)) + "\n")
+        print(result, flush=True)
+
+
+if __name__ == "__main__":
+    main()
