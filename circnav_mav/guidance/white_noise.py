@@ -19,6 +19,7 @@ FAR, BULK = 5.0, 3.5
 MAD = 1.4826
 """Standard deviation over median magnitude of normal noise."""
 FIRST = np.zeros(1, int)
+"""Index of the one flight of a scalar."""
 Moment = Pair
 """(time, value) of one flight, or arrays (2, B) of many."""
 

@@ -25,7 +25,7 @@ def test_the_help_names_the_commands_in_the_order_of_a_newcomer_and_the_exit_cod
         assert word in out
     commands = [line.split()[0] for line in out.partition("Commands:\n")[2].splitlines()]
     assert commands[:4] == ["fly", "init", "check", "preflight"]
-    assert commands == [*cli.commands, *(command for one in extensions() for command in one.commands)]
+    assert commands == [*cli.commands, *(name for one in extensions() for name in one.commands if " " not in name)]
     for command in commands:
         out = circnav(command, flag).done
         assert "Example" in out

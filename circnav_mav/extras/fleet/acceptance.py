@@ -39,10 +39,12 @@ ALARM_COUNT, ALARM_TIME = 3, 5.0
 MOST_COPIES = 512
 """Newest authentic and own frames by which copies are recognized: 0.4 s of 255 members at 5 Hz."""
 _HASH = 6
+"""Bytes of the hash in a MAVLink 2 signature."""
 _ROUNDING = 1e-6
 """Part by which a number may be beyond its bound, because fields are rounded to 32 bits."""
 
 MAX_DRIFT, MAX_VARIANCE = 100.0, 1e4
+"""Largest drift, m/s, and variance of it, (m/s)^2, in a report; chosen, beyond any flight."""
 BOUNDS: dict[str, tuple[float, float]] = {
     "phase": (0.0, tau),
     "phase_sigma": (1e-6, 10.0),

@@ -22,6 +22,7 @@ from circnav_mav.mav.signing import Signing, without_signature
 from circnav_mav.runtime.endpoint import LinkError, explain, parse_endpoint, resolve
 
 MULTICAST, PORT = "239.255.145.51", 14560
+"""Group and UDP port of the fleet; the port follows those of the usual ground stations."""
 HOPS = 1
 """Time to live of a multicast datagram: no router passes it on."""
 INTERVAL = 0.2

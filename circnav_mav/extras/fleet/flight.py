@@ -32,6 +32,7 @@ START_APART_DEG = 12.0
 SAMPLE_EVERY = 0.2
 """Time between two samples of the true tracks, s."""
 SEEDS_APART = 1000
+"""Difference of the random seeds of two members; chosen."""
 
 
 class LossyNetwork(LocalNetwork):

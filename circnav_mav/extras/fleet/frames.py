@@ -23,7 +23,9 @@ LONGEST_FRAME = 280
 LATEST_STAMP = 1e13
 """Greatest stamp, s, that `time_usec` is packed with: 64 bits hold more."""
 _LENGTH = 58
+"""Floats in DEBUG_FLOAT_ARRAY."""
 _USED = 12
+"""Floats used by a report."""
 _SENSES = {1.0: 1, -1.0: -1}
 
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 LAP = 2 * pi
+"""Phase of a whole lap, rad."""
 POINTS = 120
 """Points of the table of a lap. Linear interpolation between them is exact to 0.01 deg."""
 MAX_DRIFT_SHARE = 0.9

@@ -12,6 +12,7 @@ from circnav_mav.extras.fleet.phase import LAP
 from circnav_mav.extras.fleet.report import State
 
 FRAMES = 6
+"""Moments drawn; chosen, for one line of pictures."""
 TRAIL = 15.0
 """Length of the trails, s."""
 COLORS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377")

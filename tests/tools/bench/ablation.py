@@ -25,7 +25,7 @@ from statistics import median
 from typing import Any
 
 from circnav_mav.extras.batch.flight import SITUATIONS, fly_situation, policy
-from circnav_mav.extras.bench.bench import judged
+from circnav_mav.extras.bench.bench import evaluate
 from tests.tools.firmware.emulated import CIRCLES, ROWS, fly
 
 FULL = "all"
@@ -56,7 +56,7 @@ BENCHED = (
 BATCH, BATCH_SEED, LASTS = 20, 2027, 170.0
 """Flights of a row of the benchmark, the seed of its published table, and the time of a flight, s (there 400)."""
 LAPS = 1
-"""Laps of an emulated flight that are judged."""
+"""Laps of an emulated flight that are evaluate."""
 AHEAD = 8
 """Jobs of which the next is drawn, so that two runs at a time seldom fly the same."""
 KEPT, NEVER = 0.1, 0.2
@@ -196,7 +196,7 @@ def fly_bench(row: str, layer: str) -> Result:
     with ExitStack() as off:
         if layer not in (FULL, ACCELERATIONS):
             off.enter_context(without(_layer(layer)))
-        cell = judged(situation, "auto", fly_situation(flown, policy("auto"), BATCH, world), 0.0)
+        cell = evaluate(situation, "auto", fly_situation(flown, policy("auto"), BATCH, world), 0.0)
     figures = cell.rms_median, cell.turn_std_deg_s, cell.turn_at_limit
     return Result(row, BATCH_SEED, layer, *figures, cell.kept, cell.flights)
 
