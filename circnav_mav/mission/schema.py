@@ -178,7 +178,7 @@ class RangingTable(Table):
     resent: bool = False
     scale: Annotated[float, Field(ge=0.5, le=2.0)] = 1.0
     bias_m: Annotated[float, Field(ge=-1000, le=1000)] = 0.0
-    delay_s: Annotated[float, Field(ge=-1, le=1)] = 0.0
+    delay_s: Annotated[float, Field(ge=0, le=1)] = 0.0
     points_m: Annotated[list[Point], AfterValidator(_rising)] | None = None
 
     @model_validator(mode="after")

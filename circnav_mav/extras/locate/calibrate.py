@@ -114,7 +114,8 @@ def measure(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> Mea
         if isinstance(place, NotYet):
             return place
     assert isinstance(place, Place)
-    delay = round(-place.delay, 3) if abs(place.delay) > max(3 * place.delay_sigma, LATE) else 0.0
+    # A range is never measured after its stamp. An offset the other way is of late positions, or the bend of a radio.
+    delay = round(-place.delay, 3) if -place.delay > max(3 * place.delay_sigma, LATE) else 0.0
     scale, bias = (
         (1.0, place.range_error(place.range_scale)[0]) if not place.scale_found else (1 + place.scale, place.bias)
     )

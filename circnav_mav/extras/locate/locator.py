@@ -73,8 +73,9 @@ HOME_SIGMA = 50.0
 """Of the height of a target of which nothing is said, above home, m."""
 RADIUS_OFF = 0.02
 """Share of the radius by which the radius by the positions must differ for an alarm; no less than their error."""
-COMPARED_LAPS, MIN_COMPARED = 1.2, 20
-"""Newest laps, and least positions and ranges in them, by which both radii are compared."""
+COMPARED_LAPS, MIN_COMPARED, SETTLED = 1.2, 20, 0.05
+"""Newest laps, and least positions and ranges in them, by which both radii are compared; share of the radius within
+which most of these ranges must be: on the way to the circle the mean distance is no radius."""
 FRESH_RANGE = 2.0
 """Age, s, up to which ranges tell where the vehicle is."""
 
@@ -272,18 +273,19 @@ class Locator:
     def _compare_radius(self, place: Place) -> None:
         """Compare the radius by the ranges with that by the positions. The radius flown stays that by the ranges."""
         before, self.radius_alarm = self.radius_alarm, ""
+        if not self._track:
+            return
         orbit, height = self._pilot.controller.orbit, self._pilot.tracker.height.at(place.time) or 0.0
         begin = self._track[-1][0] - COMPARED_LAPS * 2 * pi * orbit.radius / orbit.speed
         newest = [(place.at(time), east, north) for time, east, north, _ in self._track if time >= begin]
-        ranges = [slant for time, slant, _ in self._ranges if time >= begin]
+        ranges = np.array([slant for time, slant, _ in self._ranges if time >= begin])
         ways = np.array([(east - there.east, north - there.north) for there, east, north in newest])
+        if len(ranges) < MIN_COMPARED or len(ways) < MIN_COMPARED:
+            return
         # A whole lap round the place gives the radius by the positions alone. Neither the height nor the scale and bias
         # of the radio enters, and an error of the place or of the GPS moves the circle and leaves its radius.
-        if (
-            len(ranges) < MIN_COMPARED
-            or len(ways) < MIN_COMPARED
-            or abs(np.ptp(np.unwrap(np.arctan2(*ways.T)))) < 2 * pi
-        ):
+        settled = np.percentile(np.abs(ranges - hypot(orbit.radius, height)), 90) < SETTLED * orbit.radius
+        if not settled or abs(np.ptp(np.unwrap(np.arctan2(*ways.T)))) < 2 * pi:
             return
         true = float(np.mean(np.hypot(*ways.T)))
         measured, length = float(np.mean(ranges)), hypot(true, height)

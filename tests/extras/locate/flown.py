@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import atan2, pi
+from pathlib import Path
 
 import numpy as np
 from circnav_sim.vehicle import Truth
@@ -83,6 +84,30 @@ def surveyed(mission: str, *overrides: str, law: str | None = None, **settings: 
     flown = flight(mission, *overrides, law=law)
     locator = Locator(LocateSettings(COMPONENT, **settings), flown.pilot)  # type: ignore[arg-type]
     return Surveyed(flown.pilot, flown.vehicle, locator=locator)
+
+
+@dataclass
+class Taped(Surveyed):
+    """A flight with the frames that came from the vehicle. The survey only asks for positions."""
+
+    solve_from: float = 1e9
+    tape: list[tuple[float, bytes]] = field(default_factory=list)
+
+    def _keep(self, step: LoopStep) -> None:
+        super()._keep(step)
+        self.tape += [(self.now, frame) for frame in step.frames_heard]
+
+    def write(self, file: Path) -> None:
+        """Write a tlog."""
+        with file.open("wb") as log:
+            for time, frame in self.tape:
+                log.write(round((1.75e9 + time) * 1e6).to_bytes(8, "big") + frame)
+
+
+def taped(mission: str, *overrides: str) -> Taped:
+    """A flight of a file in config/ that can be written as a log."""
+    flown = surveyed(mission, *overrides)
+    return Taped(flown.pilot, flown.vehicle, locator=flown.locator)
 
 
 def laps(truths: Sequence[Truth]) -> float:

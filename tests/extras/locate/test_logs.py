@@ -5,7 +5,7 @@ import pty
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 from math import nan
@@ -27,10 +27,9 @@ from circnav_mav.extras.locate.parameters import PARAMETERS
 from circnav_mav.extras.locate.place import Place, Plane
 from circnav_mav.extras.locate.range_log import EmptyLogError, RangeLog
 from circnav_mav.extras.locate.units import FACTORS, better_unit
-from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runlog.run_folder import RunError
 from tests.extras.locate import log_writers as write
-from tests.extras.locate.flown import Surveyed, surveyed
+from tests.extras.locate.flown import taped
 from tests.extras.locate.worlds import PLANE, circles
 
 CASES = Path(__file__).parent / "cases"
@@ -139,24 +138,9 @@ def test_dataflash_beacons_and_the_filters_position_count_and_what_looks_down_or
     assert log.positions[0][3] == pytest.approx(430.0)
 
 
-@dataclass
-class Taped(Surveyed):
-    """A flight with the frames that came from the vehicle."""
-
-    tape: list[tuple[float, bytes]] = field(default_factory=list)
-
-    def _keep(self, step: LoopStep) -> None:
-        super()._keep(step)
-        self.tape += [(self.now, frame) for frame in step.frames_heard]
-
-
 def test_one_flight_as_tlog_bin_and_ulg_is_located_within_a_centimeter(tmp_path):
-    flown = surveyed("quickstart", "sim.sensors.gps_error_m=0.5")  # the survey asks for positions
-    flown = Taped(flown.pilot, flown.vehicle, locator=flown.locator, solve_from=1e9)
-    flown.fly(75.0)
-    with (tmp_path / "log.tlog").open("wb") as log:
-        for time, frame in flown.tape:
-            log.write(round((1.75e9 + time) * 1e6).to_bytes(8, "big") + frame)
+    flown = taped("quickstart", "sim.sensors.gps_error_m=0.5").fly(75.0)
+    flown.write(tmp_path / "log.tlog")
     parser, ardupilot, px4 = mavlink.MAVLink(None), [], []
     for time, message in ((time, one) for time, frame in flown.tape for one in parser.parse_buffer(frame) or ()):
         us = round(time * 1e6)

@@ -12,7 +12,7 @@ from circnav_mav.extras.locate.calibrate import measure
 from circnav_mav.extras.locate.estimator import UNCALIBRATED, Ranges, Track, locate
 from circnav_mav.mav.ranging.calibration import Calibration
 from circnav_mav.mission.load import load_mission
-from tests.extras.locate.flown import surveyed
+from tests.extras.locate.flown import surveyed, taped
 from tests.extras.locate.worlds import KNOWN, PLANE, V, gps_error
 from tests.flight.lockstep import CONFIG, true_radius
 
@@ -112,6 +112,26 @@ def test_the_command_prints_plots_and_writes_the_keys_into_a_mission(tmp_path, c
     assert f"scale = {ranging.scale}" in printed and "reported too long by" in printed
     assert (tmp_path / "flight.calibration.png").exists() and (tmp_path / "flight.calibration.toml").exists()
     assert "# MAVLink message that carries the range" in mission.read_text()
+
+
+@pytest.mark.parametrize(
+    "radio", ["scale=1.07", "table_m=[[0, 4.4], [50, 57.6], [100, 103], [150, 148], [200, 201], [250, 253]]"]
+)
+def test_a_plane_flies_the_true_circle_after_a_calibration_by_one_flight(radio, tmp_path):
+    keys = "orbit.radius_m=100", "sim.sensors.gps_error_m=1.5", f"sim.ranging.{radio}"
+    calibration, radii = [], []
+    for number in range(2):
+        flown = taped("arduplane", *keys, *calibration).fly(150.0)
+        radii.append(np.mean([true_radius(one) for one in flown.truths if one.time > 90.0]))
+        run = tmp_path / f"run{number}"
+        run.mkdir()
+        flown.write(run / "flight.tlog")
+        (run / "mission.toml").write_text((CONFIG / "arduplane.toml").read_text())
+        assert not cli.circnav.main(["ranging", "calibrate", str(run)], standalone_mode=False)
+        lines = (run / "calibration.toml").read_text().splitlines()[1:]
+        calibration = [f"ranging.{line.replace(' = ', '=')}" for line in lines]
+    assert radii[1] == pytest.approx(100.0, abs=0.5)
+    assert abs(radii[0] - 100.0) > 1.0
 
 
 def test_a_flight_with_a_long_radio_gets_an_alarm_with_its_true_radius_and_one_with_its_calibration_none():
