@@ -44,8 +44,8 @@ class BankLimit(NamedTuple):
         return self.turned / self.stood if self.stood >= STOOD_LEAST else inf
 
     def follow(self, own: OwnMotion, commanded: float, banked: float) -> "BankLimit":
-        """Return the state after a report. commanded, banked: commanded turn rate and that of the bank, both smoothed over
-        1 s, rad/s."""
+        """Return the state after a report. commanded, banked: turn rates of the command and of the bank, both smoothed
+        over 1 s, rad/s."""
         time, now, step = own.time, own.bank_turn or 0.0, own.time - self.time
         short = abs(banked) < SHORT * abs(commanded)
         stands = short and banked * commanded > 0 and abs(now - banked) < STANDS * abs(banked)

@@ -62,7 +62,7 @@ class LeanLimit(NamedTuple):
     stood_at: float = -inf
 
     def follow(self, own: OwnMotion) -> "LeanLimit":
-        """Return the state after a report of a copter that flies as commanded. own: with the velocity it should have."""
+        """Return the state after a report of a copter that follows. own: with the velocity that it should have."""
         if own.push is None:
             return self
         v, push, step = rect(own.airspeed, own.heading), complex(*own.push), own.time - self.time

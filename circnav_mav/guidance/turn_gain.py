@@ -41,7 +41,7 @@ class TurnGain(NamedTuple):
 
     @property
     def followed(self) -> Flag:
-        """True if the vehicle turns by at least a third of the command. Only then the gain is learned."""
+        """True if the turn is at least a third of the command, or the command is too small to judge."""
         return _followed(self.smooth_rate, self.smooth_command)
 
 

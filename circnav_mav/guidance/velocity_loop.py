@@ -43,8 +43,8 @@ class VelocityLoop:
     derivative: float
 
     def fed(self, speed: float, turn_rate: float, drag: float) -> tuple[float, float]:
-        """Return the acceleration feedforward (m/s^2), forward and to the left, that keeps the velocity along the nose at
-        a speed (m/s), turn rate (rad/s) and drag (1/s)."""
+        """Return the acceleration feedforward (m/s^2), forward and to the left, that keeps the velocity along the nose
+        at a speed (m/s), turn rate (rad/s) and drag (1/s)."""
         return min(drag * speed, MOST_FED), (1 + self.derivative) * speed * turn_rate
 
 
@@ -61,8 +61,8 @@ class CopterMotion(NamedTuple):
     sums: tuple[complex, ...] = (0.0,) * 5
 
     def follow(self, own: OwnMotion, loop: VelocityLoop) -> tuple["CopterMotion", OwnMotion]:
-        """Return the state after a report, and the actual motion: course, course rate and speed instead of heading, turn
-        rate and commanded speed."""
+        """Return the state after a report, and the actual motion: course, course rate and speed instead of heading,
+        turn rate and commanded speed."""
         if self.time is None:  # start at rest: a copter is handed over hovering, and how it accelerates shows the drag
             return self._replace(time=own.time), self._as_motion(own, 0.0)
         step = own.time - self.time
