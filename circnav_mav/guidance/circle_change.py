@@ -73,8 +73,8 @@ class CircleLimits:
 
 
 def obstacle(request: CircleRequest, orbit: Orbit, limits: CircleLimits) -> str:
-    """Return the reason why a requested circle cannot replace `orbit`, or an empty string. The text has value and limit,
-    and fits a STATUSTEXT."""
+    """Return why a requested circle cannot replace `orbit`: value and limit, short enough for a STATUSTEXT; empty if it
+    can."""
     wanted, most = request.applied(orbit), MAX_OFFSET_SHARE * request.circle(orbit).radius
     if request.offset is not None and not abs(request.offset) <= most:
         return f"spacing by {request.offset:+.1f} m beyond {most:.1f} m"

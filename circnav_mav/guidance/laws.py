@@ -1,6 +1,6 @@
 """Guidance laws: one function per equation, their proved properties, and the table of laws for missions.
 
-Every law takes range r (m) and range rate r_dot (m/s), floats or arrays of one shape, and returns the turn rate in
+Every law takes range r (m) and range rate r_dot (m/s), as floats or as arrays of one shape. It returns the turn rate in
 rad/s, counter-clockwise positive. The sign of the gain k chooses the sense of rotation: k > 0 clockwise, k < 0
 counter-clockwise (the paper's remark after its second theorem). A law does not apply the vehicle's limits.
 """

@@ -73,7 +73,7 @@ class LawChoice:
     lag: float = 0.4
 
     def eased(self, share: float, orbit: Orbit) -> "LawChoice":
-        """Return the law with this share of its gain, but at least the gain that reaches the circle."""
+        """Return the law with this share of its gain, but at least LEAST times its bound, so that it reaches the circle."""
         least = laws.LEAST * LAWS[self.name].gain_bound(orbit.speed, orbit.radius)
         return replace(self, gain=min(self.gain, max(share * self.gain, least)))
 
@@ -243,8 +243,10 @@ def _leaves(settings: StepSettings, inputs: Inputs) -> Array:
 
 
 def _by_drift(settings: StepSettings, relative: RelativeMotion, change: Pair, inputs: Inputs) -> tuple[Array, Array]:
-    """Return the turn rate of the drift law, rad/s, for the counter-clockwise orbit, and the distance of the planned
-    path outside the circle here, m. change: of the drift, m/s^2."""
+    """Return turn rate (rad/s) and offset (m, as in `StepState`) of the drift law, for the counter-clockwise orbit.
+
+    change: of the drift, m/s^2.
+    """
     p, d = (relative.x, relative.y), (relative.drift_x, relative.drift_y)
     here = mirrored(p, d, relative.heading, inputs.pending, settings.sense)
     V, r_d = maximum(relative.airspeed, 0.1 * settings.V), settings.r_d + inputs.trim

@@ -23,8 +23,7 @@ def loop_lag(turn_lag: float, settings: EstimatorSettings, *, r_d: float, sigma:
 
 
 def default_gain(law: str, V: float, r_d: float, lag: float) -> float:
-    """Return the magnitude of a law's gain k at speed V (m/s) on a circle of r_d (m), with this delay in the loop (s).
-    Each law has a rule, see `laws`."""
+    """Return the magnitude of a law's gain k by its rule in `laws`. V: m/s. r_d: m. lag: delay of the loop, s."""
     return float(LAWS[law].default_gain(V, r_d, lag))
 
 

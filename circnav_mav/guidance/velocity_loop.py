@@ -2,9 +2,9 @@
 
     v' = a - c v,   a + TILT a' = P (u - v) + q + f - D v',   q' = I (u - v),   u = V (cos psi, sin psi)
 
-Without the acceleration feedforward f a turning copter flies slower than commanded and crabs. With PX4's gains and a
-drag of 1/s at 5 m/s and 0.1 rad/s, this is 9 % and 11 deg, and its course follows the nose 2 s late. With
-f = (1 + D) u' + c u the velocity follows u as fast as the tilt. The drag c is learned from the tilt: the horizontal
+Without the acceleration feedforward f a turning copter flies slower than commanded and crabs: by 9 % and 11 deg with
+PX4's gains and a drag of 1/s at 5 m/s and 0.1 rad/s. Its course follows the nose 2 s late. With f = (1 + D) u' + c u
+the velocity follows u as fast as the tilt. The drag c is learned from the tilt: the horizontal
 thrust minus the acceleration is the drag force.
 Source: PX4 PositionControl (MPC_XY_VEL_P_ACC, _I_ACC, _D_ACC); compared with PX4's own flights in simulation.
 """
@@ -43,8 +43,10 @@ class VelocityLoop:
     derivative: float
 
     def fed(self, speed: float, turn_rate: float, drag: float) -> tuple[float, float]:
-        """Return the acceleration feedforward (m/s^2), forward and to the left, that keeps the velocity along the nose
-        at a speed (m/s), turn rate (rad/s) and drag (1/s)."""
+        """Return the acceleration feedforward (m/s^2), forward and to the left, that keeps the velocity along the nose.
+
+        speed: m/s. turn_rate: rad/s. drag: 1/s.
+        """
         return min(drag * speed, MOST_FED), (1 + self.derivative) * speed * turn_rate
 
 
