@@ -71,7 +71,7 @@ class NoiseCheck:
         if self._still.count[0] >= ENOUGH and (measured := float(self._still.sigma[0])) > TOO_MUCH * sigma:
             self.found = self.found or (sigma, measured)
             return measured
-        if self._wide.count[0] < KEPT_WIDE or self._raw.count[0] < ENOUGH:  # uneven values have no residuals
+        if self._wide.count[0] < KEPT_WIDE or self._raw.count[0] < ENOUGH:  # no residuals at uneven intervals
             return sigma
         measured = max(float(self._raw.sigma[0]), float(self._wide.sigma[0]))
         if self.lowered is None and sigma <= TOO_LITTLE * measured:

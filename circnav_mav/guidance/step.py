@@ -73,7 +73,7 @@ class LawChoice:
     lag: float = 0.4
 
     def eased(self, share: float, orbit: Orbit) -> "LawChoice":
-        """Return the law with this share of its gain, but at least LEAST times its bound, so that it reaches the circle."""
+        """Return the law with this share of its gain, but at least LEAST times the bound of convergence."""
         least = laws.LEAST * LAWS[self.name].gain_bound(orbit.speed, orbit.radius)
         return replace(self, gain=min(self.gain, max(share * self.gain, least)))
 

@@ -122,6 +122,7 @@ class TurnAnswer:
         self._followed_at = now if followed or self._followed_at == -inf else self._followed_at
         if now - self._followed_at > DEAF_AFTER:
             if lessons:
+                # Restore the oldest snapshot, from before the vehicle stopped following.
                 _, gain, knowledge = lessons[0]
                 self.by_command = self.by_command._replace(gain=gain.gain, square=gain.square, product=gain.product)
                 self._learner.knowledge = knowledge

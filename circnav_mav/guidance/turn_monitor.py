@@ -129,6 +129,7 @@ class TurnMonitor:
 
     def _judge_following(self, now: float) -> None:
         judged = [_evidence(self._bins, width) for width in WINDOWS if len(self._bins) >= width]
+        # One window that shows a vehicle not following outweighs all windows that show following.
         verdict = min(judged, default=0) if min(judged, default=0) < 0 else max(judged, default=0)
         self._in_a_row = self._in_a_row + verdict if verdict * self._in_a_row >= 0 else verdict
         if self._in_a_row <= -IN_A_ROW and self.follows:

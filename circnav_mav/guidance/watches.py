@@ -36,6 +36,7 @@ def next_trim(
     if saturated:
         return trim
     if abs(r - r_d) > TRIM_NEAR * r_d:
+        # Far from the circle the trim may only shrink, and not change its sign.
         unwound = after if trim * after > 0 else 0.0
         return unwound if abs(unwound) < abs(trim) else trim
     return min(max(after, -MOST_TRIM * r_d), MOST_TRIM * r_d)
