@@ -23,7 +23,7 @@ ANGLES = 72
 BENDS = 1e-3
 """Weight of the curvature e + e'' relative to e: without it the planned turn jumps. It costs 2 % of radius error."""
 DRIFT_STEP, LIMIT_STEP = 1 / 200, 1 / 400
-"""Grid of planned laps, finer than the estimates: drift in units of V, turn-rate limit in units of V/r_d."""
+"""Grid of planned laps: drift in units of V, turn-rate limit in units of V/r_d. The estimates vary more than a cell."""
 SURE = 0.99
 """Share of the turn-rate limit that a lap uses. The estimates of limit, drift and airspeed have a joint error of 1 %. A
 lap that demands too much ends farther outside: the worst of three ArduPlane flights held 1.50 m with 1, 1.06 m with

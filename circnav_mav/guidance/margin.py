@@ -31,8 +31,8 @@ DEAD_SHARES, DAMPINGS, KNOWN = (0.3, 0.7), (0.3, 0.6, None), (0.8, 1.0, 1.2)
 """Family of vehicles: share of the dead time in the delay, damping of the response (None: first order), and modeled
 over true delay."""
 MOST_SENSITIVITY = 2.3
-"""Largest sensitivity |1/(1 + L)| that counts as a margin: 25 deg and 5 dB at least. Large circles have 2.1 at most. A
-plane on 60 m at 15 m/s in 5 m/s of wind, which has 2.6, oscillated on firmware; one on 150 m at 22 m/s, 1.8, did not."""
+"""Largest sensitivity |1/(1 + L)| that counts as a margin: 25 deg and 5 dB at least. Large circles have 2.1 at most. On
+firmware, a plane on 60 m at 15 m/s in 5 m/s of wind (2.6) oscillated; one on 150 m at 22 m/s (1.8) did not."""
 DESIGN_DRIFT = 1 / 3
 """Drift, in units of V, in which a circle should keep its margin if its geometry allows this drift."""
 LARGEST = 20.0

@@ -29,7 +29,7 @@ TURN_BUILDS = 0.4
 ROUNDING = 1e-6
 """Largest difference that is a rounding error."""
 FEW, REPEATS = 3, 10
-"""Equal values in a row: from this many they do not show the noise; least number for a frozen sensor."""
+"""Equal values in a row: from FEW on they are not used for the noise; a frozen sensor has at least REPEATS."""
 
 
 class NoiseCheck:

@@ -1,8 +1,8 @@
 """Consistency check of measured range rates with the ranges: z = r - (integral of the rate) must stay constant.
 
-A wrong sign, a wrong scale, a frozen value or a bias all make z diverge on any path. While z stays constant, they are
-harmless. The slope of z over some seconds is the error of the rate. It is the median over pairs half the span apart (as
-in the Theil-Sen estimator), which is robust to outliers.
+A wrong sign, a wrong scale, a frozen value or a bias all make z diverge. While z stays constant, they are harmless. The
+slope of z over some seconds is the error of the rate. It is the median over pairs half the span apart (as in the
+Theil-Sen estimator), which is robust to outliers.
 """
 
 from collections import deque

@@ -68,11 +68,11 @@ class FeltVelocity(NamedTuple):
 class OwnMotion(NamedTuple):
     """Motion that the autopilot measures without GPS.
 
-    time: local clock, s. heading: direction of motion through the air, rad; a plane's side-slip or a copter's crab
-    angle from the nose. turn_rate: of the nose, rad/s (not the body's z rate). airspeed: as measured, m/s. bank_turn:
-    turn rate of the coordinated turn at this bank, rad/s; None for vehicles that do not bank to turn. bank: to the
-    left, rad. pitch: of the nose above the path, rad. push: horizontal acceleration (x, y) by the tilt of the thrust,
-    m/s^2; None for vehicles without it. felt: integrated accelerometer measurement; None without one.
+    time: local clock, s. heading: direction of motion through the air, rad. It differs from the nose by a
+    plane's side-slip or a copter's crab angle. turn_rate: of the nose, rad/s (not the body's z rate). airspeed: as
+    measured, m/s. bank_turn: turn rate of the coordinated turn at this bank, rad/s; None for vehicles that do not bank
+    to turn. bank: to the left, rad. pitch: of the nose above the path, rad. push: horizontal acceleration (x, y) by the
+    tilt of the thrust, m/s^2, or None. felt: integrated accelerometer measurement, or None.
     """
 
     time: float

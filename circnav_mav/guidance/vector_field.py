@@ -85,7 +85,7 @@ def inward_angle(r: Number, *, r_d: Number, k: Number, sharpest: Number) -> Arra
 def field_heading(
     p: Pair, d: Pair, *, V: Number, r_d: Number, k: Number, max_turn_rate: Number, lap: Lap | None = None
 ) -> Array:
-    """Return the heading (rad) of which the ground course follows the field at p (2, ...), m.
+    """Return the heading (rad) with a ground course along the field at p (2, ...), m.
 
     d: drift (2, ...), m/s. V: true airspeed, m/s. k: rad/m. lap: replaces the circle.
     """
