@@ -20,7 +20,7 @@ MIN_INTERVAL = 0.1
 MAX_OFFSET_SHARE = 0.3
 """Largest offset from the circle, in units of its radius: the spacing of a fleet, not another circle."""
 SPEED_SHARE = 0.2
-"""Largest change of the mission's speed, as a share of it: up to there the mission's checks remain valid."""
+"""Largest change of the mission's speed, as a share of it: up to there the mission's checks are about as valid."""
 
 
 class CircleRequest(NamedTuple):

@@ -190,9 +190,9 @@ def pd(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number
 def feedforward(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
     """omega = sqrt(V^2 - r'^2)/max(r, 0.43 r_d) + k (r' + chi), chi = v* tanh(gamma e/v*). k in rad/m.
 
-    The first term is the turn of the circle through the present point, so the radius has no bias for any k. v* = 0.55
-    V: this approach is flyable in a wind of 0.3 V. gamma = k V/6; condition: gamma <= k V/4 (damping at least 1) and
-    k V (course lag + filter lag) < about 0.5. Derived for this product.
+    The first term is the turn of the circle through the present point, so the radius has no bias for any k. With
+    v* = 0.55 V the approach is flyable in a wind of 0.3 V. gamma = k V/6; condition: gamma <= k V/4 (damping at least
+    1) and k V (course lag + filter lag) < about 0.5. Derived for this product.
     """
     gamma, v_star = k * V / 6, 0.55 * V
     chi = v_star * tanh(gamma * (r - r_d) / v_star)
@@ -247,7 +247,7 @@ LAWS: dict[str, Law] = {
         Law("pd", pd, "rad/m", "k > 0"),
         Law("pi", feedforward, "rad/m", "k > 0", kind=Kind.MEMORY),
         Law("feedforward", feedforward, "rad/m", "k > 0"),
-        Law("drift", feedforward, "rad/m", "k > 0", kind=Kind.RELATIVE),  # without trusted relative motion
+        Law("drift", feedforward, "rad/m", "k > 0", kind=Kind.RELATIVE),  # without a trusted estimate
         Law("auto", feedforward, "rad/m", "k > 0", kind=Kind.AUTO),
     )
 }  # fmt: skip

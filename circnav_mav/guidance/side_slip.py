@@ -9,8 +9,8 @@ Both counter-clockwise, bank to the left, pitch above the path.
 First term: if the nose turns less than its bank requires, the side force balances the rest. c is the time in which a
 side-slip bends the path. Second term: with bank and the nose up, the nose points to the inside of the turn. The pitch
 is the mean of straight flight over many seconds, plus the rise for the extra lift in a bank. The measured pitch is not
-used, because gusts disturb it. A gust turns the nose into it and does
-not move the path. Within T the path follows the bank, not the nose.
+used, because gusts disturb it. A gust turns the nose into it and does not move the path. Within T the path follows the
+bank, not the nose.
 
 ArduPilot's simulated plane flies 0.75 of its coordinated turn rate, with its nose 2.8 deg down. On a circle its path
 points 2.3 deg inside of its nose, in wind +-1 deg as its bank changes. Source: balance of the forces across the path,

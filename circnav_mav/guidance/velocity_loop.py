@@ -4,8 +4,8 @@
 
 Without the acceleration feedforward f a turning copter flies slower than commanded and crabs: by 9 % and 11 deg with
 PX4's gains and a drag of 1/s at 5 m/s and 0.1 rad/s. Its course follows the nose 2 s late. With f = (1 + D) u' + c u
-the velocity follows u as fast as the tilt. The drag c is learned from the tilt: the horizontal
-thrust minus the acceleration is the drag force.
+the velocity follows u as fast as the tilt. The drag c is learned from the tilt: the horizontal thrust minus
+the acceleration is the drag force.
 Source: PX4 PositionControl (MPC_XY_VEL_P_ACC, _I_ACC, _D_ACC); compared with PX4's own flights in simulation.
 """
 
@@ -52,8 +52,8 @@ class VelocityLoop:
 
 class CopterMotion(NamedTuple):
     """Estimated motion after a report, east and north as a complex number. v: velocity, m/s. a: acceleration by the
-    tilt, m/s^2. q: the loop's integrator, m/s^2. drag: 1/s. sums: of the drag's least squares (time, v, a, v v, v
-    a)."""
+    tilt, m/s^2. q: the loop's integrator, m/s^2. drag: 1/s. sums: of the drag's least squares, of (time, v, a,
+    v v, v a)."""
 
     time: float | None = None
     v: complex = 0j
