@@ -26,7 +26,7 @@ from circnav_mav.guidance.pending_turn import Pending
 from circnav_mav.guidance.vector_field import drift, drift_gains
 
 LINK = 0.05
-"""Delay of link and control period, s, in addition to that of the vehicle."""
+"""Delay of link and control period, s, in addition to the vehicle's delay."""
 DEAD_SHARES, DAMPINGS, KNOWN = (0.3, 0.7), (0.3, 0.6, None), (0.8, 1.0, 1.2)
 """Family of vehicles: share of the dead time in the delay, damping of the response (None: first order), and modeled
 over true delay."""

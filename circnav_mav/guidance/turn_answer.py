@@ -1,4 +1,4 @@
-"""Response of one vehicle to turn commands, learned in flight: gain, delay, bank limit and pending turn."""
+"""Vehicle response to turn commands, learned in flight: gain, delay, bank limit and pending turn."""
 
 from collections import deque
 from math import inf, pi, remainder
@@ -27,9 +27,9 @@ TAKEN_BACK = 4.0
 
 
 class TurnAnswer:
-    """Learned response of one vehicle, and the commanded turn that it has not flown yet.
+    """Learned response of a vehicle, and the commanded turn that it has not flown yet.
 
-    by_command: flown over commanded turn rate. by_bank: flown turn rate over that of the reported bank; None until a
+    by_command: flown over commanded turn rate. by_bank: flown turn rate over the coordinated turn rate of the bank; None until a
     commanded vehicle has reported a bank. link: round-trip delay, s. bank_limit: the autopilot's, as found in flight.
     """
 

@@ -29,7 +29,7 @@ BEGINS = 1.6
 LEAST_GAIN, MOST_GAIN = 1 / 3, 1.6
 """Gains of a vehicle that follows. A plane with a bank limit below the mission's has a gain down to a third."""
 WEAK_GAIN, REVERSED_GAIN = 0.2, -1.6
-"""Gains of a vehicle that does not follow. Between a fifth and a third there is no verdict."""
+"""Gains of a vehicle that does not follow. Between a fifth and a third the verdict is open."""
 WINDOWS = 12, 20, 50
 """Lengths of the windows, bins: 2.4 s of hard turns are enough, small turns need 10 s."""
 BETTER = 0.3
@@ -74,7 +74,7 @@ class Swing(NamedTuple):
 
     @property
     def regular(self) -> bool:
-        """True if the autocorrelation is that of a limit cycle."""
+        """True if the autocorrelation fits a limit cycle."""
         return self.repeats >= REPEATS and self.reverses <= REVERSES
 
 

@@ -165,7 +165,7 @@ class TurnBins:
 
 
 class ResponseLearner:
-    """Learns the response of one vehicle in flight."""
+    """Learns the response of a vehicle in flight."""
 
     def __init__(self, expected: float) -> None:
         """expected: initial dead time plus lag, s."""
