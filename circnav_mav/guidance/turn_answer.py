@@ -29,8 +29,9 @@ TAKEN_BACK = 4.0
 class TurnAnswer:
     """Learned response of a vehicle, and the commanded turn that it has not flown yet.
 
-    by_command: flown over commanded turn rate. by_bank: flown turn rate over the coordinated turn rate of the bank; None until a
-    commanded vehicle has reported a bank. link: round-trip delay, s. bank_limit: the autopilot's, as found in flight.
+    by_command: flown over commanded turn rate. by_bank: flown turn rate over the coordinated turn rate of the
+    bank; None until a commanded vehicle has reported a bank. link: round-trip delay, s. bank_limit: the autopilot's, as
+    found in flight.
     """
 
     def __init__(self, lag: float, limit: float, *, gain: float | None = None, link: float = 0.0) -> None:
