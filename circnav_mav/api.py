@@ -1,7 +1,7 @@
-"""Guidance for a loop of one's own (a ROS node, a notebook): ranges and own motion in, turn rates out. No MAVLink.
+"""Guidance for your own control loop (a ROS node, a notebook): ranges and own motion in, turn rates out. No MAVLink.
 
-Promised: the names of `circnav_mav.__all__`, which are imported from `circnav_mav`. SI units, radians, x right, y up,
-turn rates and headings counter-clockwise positive. Time is an argument: any clock, in seconds.
+Stable names: those in `circnav_mav.__all__`; import them from `circnav_mav`. SI units, radians, x right, y up, turn
+rates and headings counter-clockwise positive. Time is an argument: any clock, in seconds.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,16 +25,16 @@ from circnav_mav.guidance.types import (
 )
 
 OwnLaw = Callable[[RangeEstimate], float]
-"""A law of one's own: from the estimate to a turn rate, rad/s, counter-clockwise positive."""
+"""User-defined law: from the estimate to a turn rate, rad/s, counter-clockwise positive."""
 
 
 def tune(
     orbit: Orbit, law: str = "auto", *, turn_lag: float = 0.4, sigma: float = 0.5, rate: float = 10.0
 ) -> LawChoice:
-    """The law with the gain that a mission would fly.
+    """Return a law with the default gain of a mission.
 
     turn_lag: from a command to its turn, s. sigma: standard deviation of a range, m. rate: of the ranges, Hz. Raises
-    ValueError for a law that does not exist, and for a value that no vehicle or radio has.
+    ValueError for an unknown law, and for a value that is impossible for a vehicle or radio.
     """
     _known("law", law, LAWS)
     _check_values(orbit, turn_lag=turn_lag, sigma=sigma)
@@ -44,7 +44,7 @@ def tune(
 
 
 class Guidance:
-    """Guides one vehicle. Every flight needs its own: it remembers ranges, commands, and how the vehicle answers."""
+    """Guidance of one vehicle. It stores ranges, commands and the learned response: use one per flight."""
 
     def __init__(
         self,
@@ -55,10 +55,9 @@ class Guidance:
         turn_lag: float = 0.4,
         stale: float = 0.5,
     ) -> None:
-        """law: by name, as `tune` returns it, or a function of one's own. estimator: by name, or an object of one's
-        own; None: the one that the law wants. turn_lag: from a command to its turn, s. stale: age from which the
-        newest range steers no more, s. Raises ValueError for a name that does not exist, and for a value that no
-        vehicle has."""
+        """law: name, result of `tune`, or your function. estimator: name, or your object; None: default of the law.
+        turn_lag: from a command to its turn, s. stale: age above which the newest range no longer steers, s. Raises
+        ValueError for an unknown name, and for a value that is impossible for a vehicle."""
         _check_values(orbit, turn_lag=turn_lag, stale=stale)
         if isinstance(law, str):
             law = tune(orbit, law, turn_lag=turn_lag)
@@ -77,7 +76,7 @@ class Guidance:
         self._newest: float | None = None
 
     def observe(self, sample: RangeSample) -> bool:
-        """Take in a range. True if it was accepted; False for an outlier, and for a sample that is no measurement."""
+        """Add a range. Return True if it was accepted, False for an outlier or an invalid sample."""
         # Radios and ROS drivers report NaN, an infinity, 0 or -1 where no range was measured. One NaN in the filter
         # would make every later estimate NaN.
         numbers = (sample.stamp, sample.time, sample.r, sample.sigma)
@@ -91,8 +90,8 @@ class Guidance:
         return True
 
     def move(self, own: OwnMotion) -> bool:
-        """Take in own motion, as often as it is known. Without it only laws on range alone fly. False for one that is
-        not finite, which is ignored."""
+        """Add own motion, at any rate. Without it only range-only laws work. Return False for a value that is not
+        finite, which is ignored."""
         if not all(map(isfinite, (own.time, own.heading, own.turn_rate, own.airspeed))):
             return False
         self._estimator.move(own)
@@ -101,14 +100,15 @@ class Guidance:
         return True
 
     def estimate(self, now: float) -> RangeEstimate | None:
-        """Range and range rate now, and in `relative` where the target is, where the estimator knows; None before the
-        first range."""
+        """Return range and range rate now, and in `relative` the relative motion if the estimator has it; None before
+        the first range."""
         return self._estimator.at(now)
 
     def command(self, now: float) -> TurnCommand | None:
-        """The turn rate to command now, finite and within the vehicle's limit. None where there is no estimate that
-        may steer: before enough ranges came, and once the newest is stale; and where a law of one's own returns no
-        finite number."""
+        """Return the turn rate to command now, finite and within the vehicle's limit.
+
+        None without a valid estimate (too few ranges, or a stale one), and if your law returns no finite number.
+        """
         estimate = self.estimate(now)
         fresh = self._newest is not None and now - self._newest <= self._stale + SAME_TIME
         if estimate is None or not fresh or not self._estimator.ready:
@@ -132,7 +132,7 @@ def _known(what: str, name: str, table: Mapping[str, object]) -> None:
 
 
 def _check_values(orbit: Orbit, **values: float) -> None:
-    """Raise ValueError for a circle that no vehicle flies, or a value below 0, with its name and unit."""
+    """Raise ValueError with name and unit for an impossible circle or a value below 0."""
     for name in ("radius", "speed", "max_turn_rate"):
         _check_above_zero(f"orbit.{name}", getattr(orbit, name))
     if not isinstance(orbit.direction, Direction):

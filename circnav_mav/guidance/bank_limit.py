@@ -1,4 +1,4 @@
-"""Finds the bank beyond which a plane does not go, as `lean_limit` finds the lean of a copter."""
+"""Detection of a plane's bank limit, the counterpart of `lean_limit` for copters."""
 
 from math import exp, inf, pi, remainder
 from typing import NamedTuple
@@ -6,24 +6,23 @@ from typing import NamedTuple
 from circnav_mav.guidance.types import OwnMotion
 
 SHORT = 0.95
-"""Share of the commanded turn, both smoothed over a second, below which a bank counts as cut: a limit that leaves more
-costs less than the lag between the two."""
+"""Share of the commanded turn below which a bank counts as limited, both smoothed over 1 s. A smaller reduction matters
+less than the lag between the two."""
 STANDS, STANDS_FOR = 0.03, 1.0
-"""A bank that is cut stands at its limit where it differs by less than this share from its mean over a second, for so
-long, s: one that rolls does not."""
+"""Steady bank: largest difference from its mean over 1 s, as a share, and least duration, s. A rolling vehicle has no
+steady bank."""
 STOOD_LEAST, STOOD_MOST = 0.5, 20.0
-"""Time at the limit, s, by which it is told first, and over which it is averaged: 1 % of it is .3 m of radius."""
+"""Time at the limit, s, before it is used, and time constant of its average, s: 1 % of it is 0.3 m of radius."""
 LONGEST_FELT = 1.0
-"""Most time, s, for which a bank counts from one report to the next."""
+"""Longest time, s, from one report to the next for which a bank is integrated."""
 
 
 class BankLimit(NamedTuple):
-    """Recognises the bank beyond which a vehicle does not go, however much is commanded: its autopilot's limit is below
-    the mission's.
+    """Detects an autopilot's bank limit below that of the mission: the bank stays constant below the commanded one.
 
-    time, heading: of the newest report, s, rad. since: when it last did as commanded, or still rolled, s. short:
-    whether it banks less than commanded now. stood: for how long it was seen at its limit, s; banked, turned: by how
-    much the coordinated turn of its bank, and the nose, turned meanwhile, rad.
+    time, heading: of the newest report, s, rad. since: when the vehicle last followed or rolled, s. short: True if it
+    banks less than commanded now. stood: time at the limit, s. banked, turned: turn during that time, rad, from the
+    coordinated turn of the bank, and of the nose.
     """
 
     time: float = inf
@@ -36,22 +35,23 @@ class BankLimit(NamedTuple):
 
     @property
     def bank(self) -> float:
-        """The turn that the limit asks for if it is coordinated, rad/s; inf while nothing is known."""
+        """Coordinated turn rate at the limit, rad/s; inf while unknown."""
         return self.banked / self.stood if self.stood >= STOOD_LEAST else inf
 
     @property
     def turn(self) -> float:
-        """Turn of the nose there, rad/s."""
+        """Turn rate of the nose at the limit, rad/s; inf while unknown."""
         return self.turned / self.stood if self.stood >= STOOD_LEAST else inf
 
     def follow(self, own: OwnMotion, commanded: float, banked: float) -> "BankLimit":
-        """Take in a report beside the commanded turn and that of the bank, both smoothed over a second, rad/s."""
+        """Return the state after a report. commanded, banked: turn rates of the command and of the bank, both smoothed
+        over 1 s, rad/s."""
         time, now, step = own.time, own.bank_turn or 0.0, own.time - self.time
         short = abs(banked) < SHORT * abs(commanded)
         stands = short and banked * commanded > 0 and abs(now - banked) < STANDS * abs(banked)
         since = min(self.since, time) if stands else time
         after = self._replace(time=time, heading=own.heading, since=since, short=short)
-        # commands are not cut to the limit, so a bank beyond it shows that it was found too low
+        # Commands may exceed the found limit. A bank above it shows that it was found too low: discard it.
         if abs(banked) > (1 + STANDS) * self.bank:
             return after._replace(stood=0.0, banked=0.0, turned=0.0)
         if time - since < STANDS_FOR or not 0 < step <= LONGEST_FELT:

@@ -1,5 +1,7 @@
-"""A change of the circle in flight: another radius, direction or speed, from a mission's list of radii, the operator
-or a fleet. Every change is a request that is checked here, recorded, and replayed."""
+"""Changes of the circle in flight: radius, direction or speed, from a mission's list of radii, the operator or a fleet.
+
+Every change is a request, which is checked here. Requests are recorded and replayed.
+"""
 
 from dataclasses import dataclass, replace
 from math import inf, pi
@@ -8,23 +10,25 @@ from typing import NamedTuple
 from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate, TurnRate
 
 LAPS = 1.25
-"""Laps on a circle of a mission's list before the next one begins: one lap, and the way into the band of NEAR."""
+"""Laps on each circle of a mission's list: one lap, and the path into the band of NEAR."""
 NEAR = 0.1
 """Radius error, in units of the radius, within which a turn counts as flown on the circle."""
 LONGEST_STEP = 0.2
-"""Most time, s, that counts between two steps: what was turned in a gap is not known."""
+"""Longest time between two steps that is counted, s: the turn during a gap is unknown."""
 MIN_INTERVAL = 0.1
-"""Least time, s, between two requests: twice the greatest rate at which a fleet spaces itself."""
+"""Shortest time between two requests, s: a fleet adjusts its spacing at half this rate at most."""
 MAX_OFFSET_SHARE = 0.3
 """Largest offset from the circle, in units of its radius: the spacing of a fleet, not another circle."""
 SPEED_SHARE = 0.2
-"""Most change of the mission's speed, as a share of it: what the mission's checks said holds about as well there."""
+"""Largest change of the mission's speed, as a share of it: up to there the mission's checks are about as valid."""
 
 
 class CircleRequest(NamedTuple):
-    """A request for another circle; None keeps a value. radius: m. speed: m/s. by: who asks, for people and the log.
-    offset (m, outward), pace (factor of the speed): spacing of a fleet. Small and frequent, it changes what is flown
-    and leaves the circle of the mission as it is."""
+    """A request for another circle; None keeps a value.
+
+    radius: m. speed: m/s. by: requester, for messages and the log. offset (m, outward), pace (factor on the speed):
+    spacing of a fleet. These small and frequent corrections do not change the circle of the mission.
+    """
 
     radius: float | None = None
     direction: Direction | None = None
@@ -35,11 +39,11 @@ class CircleRequest(NamedTuple):
 
     @property
     def spaces(self) -> bool:
-        """True if nothing but spacing is requested."""
+        """True if only spacing is requested."""
         return self.radius is None and self.direction is None and self.speed is None
 
     def circle(self, orbit: Orbit) -> Orbit:
-        """Return the circle that is asked for; the very same where none is."""
+        """Return the requested circle, without spacing; `orbit` itself if only spacing is requested."""
         if self.spaces:
             return orbit
         return replace(
@@ -50,16 +54,16 @@ class CircleRequest(NamedTuple):
         )
 
     def applied(self, orbit: Orbit) -> Orbit:
-        """Return the orbit to fly: the circle that is asked for, with its spacing."""
+        """Return the orbit to fly: the requested circle with its spacing."""
         circle, offset, pace = self.circle(orbit), self.offset or 0.0, 1.0 if self.pace is None else self.pace
         return replace(circle, radius=circle.radius + offset, speed=circle.speed * pace)
 
 
 @dataclass(frozen=True, slots=True)
 class CircleLimits:
-    """Which circles may be asked for. nearest, farthest: bounds of the range, m. speed: of the mission, m/s.
-    keeps_speed: True for a vehicle whose autopilot holds an airspeed of its own. turn_gain: least realized over
-    commanded turn rate to expect."""
+    """Limits of requested circles. nearest, farthest: bounds of the range, m. speed: of the mission, m/s. keeps_speed:
+    True if the autopilot uses its own airspeed setpoint. turn_gain: least expected ratio of flown to commanded
+    turn rate."""
 
     speed: float
     nearest: float = 0.0
@@ -69,12 +73,12 @@ class CircleLimits:
 
 
 def obstacle(request: CircleRequest, orbit: Orbit, limits: CircleLimits) -> str:
-    """Return why a circle cannot be flown instead of `orbit`: value, limit and remedy, short enough for a STATUSTEXT;
-    empty if it can."""
+    """Return why a requested circle cannot replace `orbit`: value and limit, short enough for a STATUSTEXT; empty if it
+    can."""
     wanted, most = request.applied(orbit), MAX_OFFSET_SHARE * request.circle(orbit).radius
     if request.offset is not None and not abs(request.offset) <= most:
         return f"spacing by {request.offset:+.1f} m beyond {most:.1f} m"
-    if not limits.nearest < wanted.radius < limits.farthest:  # false for NaN, too
+    if not limits.nearest < wanted.radius < limits.farthest:  # also rejects NaN
         return f"radius {wanted.radius:g} m outside {limits.nearest:g} to {limits.farthest:g} m"
     if wanted.speed != orbit.speed and limits.keeps_speed:
         return "this autopilot holds its own airspeed"
@@ -89,13 +93,13 @@ def obstacle(request: CircleRequest, orbit: Orbit, limits: CircleLimits) -> str:
 
 
 class LapCounter:
-    """Counts how far the vehicle has turned on its circle, by range and turn alone."""
+    """Counts laps from range and turn rate alone."""
 
     def __init__(self) -> None:
         self._turned, self._time = 0.0, inf
 
     def complete(self, estimate: RangeEstimate, orbit: Orbit, turn_rate: TurnRate) -> bool:
-        """Count a steered step with this turn rate of the vehicle. Return True, and begin anew, after LAPS."""
+        """Add a steered step with this turn rate of the vehicle. Return True and restart after LAPS."""
         dt = min(max(estimate.time - self._time, 0.0), LONGEST_STEP)
         self._time = estimate.time
         if abs(estimate.r - orbit.radius) <= NEAR * orbit.radius:

@@ -1,7 +1,7 @@
-"""The loop of one vehicle, from an estimate to the turn rate to command: for the pilot and for `circnav_mav.Guidance`.
+"""Control loop of one vehicle, from an estimate to a commanded turn rate. For the pilot and `circnav_mav.Guidance`.
 
-The law, or the circle's own turn while ranges are missing, is corrected by the radius trim, by what is commanded but
-not turned yet, and by the turn gain. `TurnAnswer` learns and monitors how the vehicle follows.
+The turn rate comes from the law, or is the steady turn of the circle while ranges are missing. Corrections: radius
+trim, pending turn and turn gain. `TurnAnswer` learns the response of the vehicle and monitors it.
 """
 
 from collections.abc import Callable
@@ -13,17 +13,17 @@ from circnav_mav.guidance.watches import next_trim
 
 DRIFT = Flies.DRIFT.name.lower()
 LONGEST_TRIM_STEP = 0.2
-"""Longest time, s, that the radius integral counts between two steps: a gap is not an error that lasted."""
+"""Longest time step of the radius integral, s: an error is not integrated over a gap."""
 
 
 class ClosedLoop:
-    """orbit: the circle that is flown now. answer: the vehicle's response to turn commands, learned in flight."""
+    """Control loop. orbit: current circle. answer: response of the vehicle to turn commands, learned in flight."""
 
     def __init__(
         self, orbit: Orbit, law: LawChoice | Callable[..., TurnCommand], answer: TurnAnswer, radius_trim: float = 0.0
     ) -> None:
-        """law: one of ours, or a function with the arguments of a `Steering`. radius_trim: rate of the slow integral
-        that holds the mean radius, 1/s. Raises ValueError if the radius correction does not exist for the gain."""
+        """law: a choice from `LAWS`, or a function with the arguments of `Steering`. radius_trim: rate of the slow
+        integral on the mean radius, 1/s. Raises ValueError if this gain has no radius correction."""
         self.orbit, self.answer = orbit, answer
         self._steer = Steering(orbit, law) if isinstance(law, LawChoice) else law
         self._rate, self._trim = radius_trim, 0.0
@@ -31,20 +31,20 @@ class ClosedLoop:
         """Time, s, and range, m, of the last steered step."""
 
     def change(self, orbit: Orbit, law: LawChoice, *, keeps_trim: bool) -> None:
-        """Fly another circle from now on. Raises ValueError as above; then the circle stays as it was."""
+        """Fly another circle from now on. Raises ValueError as above, and then keeps the circle."""
         assert isinstance(self._steer, Steering)
         self._steer.change(orbit, law)
         self.orbit, self._trim = orbit, self._trim if keeps_trim else 0.0
 
     def feel(self, own: OwnMotion, nose: OwnMotion) -> bool:
-        """Learn from own motion; return True if the vehicle was commanded. nose: motion as it was reported."""
+        """Learn from own motion. Return True if the vehicle is commanded. nose: motion as reported."""
         commanded = self.answer.feel(own)
         if commanded:
             self.answer.watch(nose)
         return commanded
 
     def command(self, estimate: RangeEstimate, now: float) -> TurnCommand:
-        """Return the turn that the law asks for."""
+        """Return the turn that the law demands, with all corrections."""
         turning = estimate.relative.turn_rate if estimate.relative is not None else 0.0
         pending = self.answer.pending(now, turning)
         command = self._steer(estimate, self._trim, pending, self.answer.monitor.share)
@@ -52,13 +52,13 @@ class ClosedLoop:
         return self._compensated(command)
 
     def hold(self, estimate: RangeEstimate | None, now: float) -> TurnCommand:
-        """Return the circle's own turn."""
+        """Return the steady turn of the circle, with all corrections."""
         motion = estimate.relative if estimate is not None else None
         pending = self.answer.pending(now, 0.0 if motion is None else motion.turn_rate)
         return self._compensated(holding(self.orbit, motion, pending))
 
     def reset(self) -> None:
-        """Forget the commands: another has the vehicle, or nothing steers it."""
+        """Forget the commands. Call when another controller, or no controller, steers the vehicle."""
         self.answer.reset()
         self._steered = None
 
@@ -66,10 +66,10 @@ class ClosedLoop:
         return compensate_turn_gain(command, self.orbit.max_turn_rate, self.answer.gain)
 
     def _trim_radius(self, estimate: RangeEstimate, command: TurnCommand) -> None:
-        """Let the slow integral run over the time since the last steered step, while the vehicle follows."""
+        """Update the radius trim over the time since the last steered step, while the vehicle follows."""
         before, self._steered = self._steered, (estimate.time, estimate.r)
-        # An approach that does not know where the target is closes slowly. Counted as a lasting error, it would be
-        # held on the other side of the circle for half a minute afterwards.
+        # Without the target position, the approach is slow. Its error would be integrated, and the vehicle would fly on
+        # the other side of the circle for half a minute afterwards.
         approaches = command.flies not in ("", DRIFT)
         if before is not None and self._rate > 0 and self.answer.by_command.followed and not approaches:
             step = estimate.time - before[0]

@@ -1,13 +1,13 @@
-"""The truest lap of a vehicle that turns less than its circle asks for where the drift is behind it.
+"""Least-RMS lap when the circle demands more turn rate downwind than the vehicle has.
 
-Without a plan it is carried outside, and stays there until the drift is ahead again. The planned lap begins to turn at
-the limit earlier. It is a little outside before and after, inside in between, and nowhere far.
+Without a plan the drift moves the vehicle outside, where it stays until the drift is a headwind again. The planned lap
+turns at the limit earlier. Its radius error is small everywhere: outside before and after, inside in between.
 
     turn of the nose = t - (t (e + e'') + t' e')/r_d <= limit,   t = v_g^2/(r_d V cos(crab))
 
-e: radius error, by the angle round the target. t: turn that the circle asks for, by the angle, too. The equation is
-linear; t' e' counts that the course is not the circle's. The least mean square of e over time under this condition is a
-least-distance problem (Lawson, Hanson, Solving Least Squares Problems, ch. 23).
+e, t: radius error, and turn that the circle requires, as functions of the angle about the target. The equation is
+linear. The term t' e' accounts for a course that is not tangent to the circle. The least mean square of e over time
+under this condition is a least-distance problem (Lawson, Hanson, Solving Least Squares Problems, ch. 23).
 """
 
 from functools import lru_cache
@@ -19,36 +19,36 @@ from scipy.optimize import nnls
 from circnav_mav.guidance.maths import Array, Batch, Number, Pair, arctan2, hypot, minimum, some, wrap
 
 ANGLES = 72
-"""Points of a lap: finer ones change the radius error by less than 2 %."""
+"""Number of points of a lap: more points change the radius error by less than 2 %."""
 BENDS = 1e-3
-"""Weight of the bends e + e'' beside e itself: without it the planned turn jumps. It costs 2 % of radius error."""
+"""Weight of the curvature e + e'' relative to e: without it the planned turn jumps. It costs 2 % of radius error."""
 DRIFT_STEP, LIMIT_STEP = 1 / 200, 1 / 400
-"""Laps are planned for drifts (in units of V) and limits (of V/r_d) on this grid: the estimates vary more."""
+"""Grid of planned laps: drift in units of V, turn-rate limit in units of V/r_d. The estimates vary more than a cell."""
 SURE = 0.99
-"""Share of the limit that a lap is planned for. Limit, drift and airspeed as estimated are a percent off together, and
-a lap that asks for too much ends farther outside: of three flights of ArduPlane the worst held 1.50 m with 1, 1.06 m
-with .99."""
+"""Share of the turn-rate limit that a lap uses. The estimates of limit, drift and airspeed have a joint error of 1 %. A
+lap that demands too much ends farther outside: the worst of three ArduPlane flights held 1.50 m with 1, 1.06 m with
+0.99."""
 MOST_DRIFT = 0.9
-"""Drift in units of V beyond which no lap is flown anyway."""
+"""Largest drift for which a lap is planned, in units of V."""
 MOST_OFFSET = 0.2
-"""Bound of e in units of the radius: beyond it the linear equation does not hold."""
+"""Bound of e in units of the radius: beyond it the linear equation is invalid."""
 _SPACING = 2 * np.pi / ANGLES
 """Angle between two points of a lap, rad."""
 _CIRCLE = np.zeros((ANGLES + 1, 2))
-"""The lap that is the circle."""
+"""Table of the circle itself: no offset, no slope."""
 
 
 class Lap(NamedTuple):
-    """What is planned, for a counter-clockwise circle. downwind: angle round the target, rad, at which the ground speed
-    is highest. table: e/r_d and its slope by the angle from half a lap before that, (ANGLES + 1, 2), of many flights
-    (B, ANGLES + 1, 2). radius: r_d, m."""
+    """Planned lap on a counter-clockwise circle. downwind: angle about the target with the highest ground speed, rad.
+    table: e/r_d and its slope, starting half a lap before that angle, (ANGLES + 1, 2); of many flights (B, ANGLES + 1,
+    2). radius: r_d, m."""
 
     downwind: Array
     table: Batch
     radius: Array
 
     def at(self, angle: Number) -> tuple[Array, Array]:
-        """Planned radius, m, and its slope de/d(angle), m/rad, where a vehicle is at this angle (rad)."""
+        """Return the planned radius, m, and its slope de/d(angle), m/rad, at an angle (rad)."""
         place = (wrap(angle - self.downwind) + np.pi) / _SPACING
         if not isinstance(place, np.ndarray):
             before = min(int(place), ANGLES - 1)
@@ -62,8 +62,8 @@ class Lap(NamedTuple):
 
 
 def plan(d: Pair, *, V: Number, r_d: Number, limit: Number) -> Lap | None:
-    """The lap in drift d (2, ...), m/s, at true airspeed V. limit: of the turn rate, rad/s. None where the circle is
-    within it, of all flights."""
+    """Return the lap in drift d (2, ...), m/s, at true airspeed V, m/s. limit: of the turn rate, rad/s. None if all
+    flights can fly the circle within the limit."""
     drift, limits = minimum(hypot(d[0], d[1]) / V, MOST_DRIFT), SURE * limit * r_d / V
     short = (1 + drift) ** 2 > limits
     if not some(short):
@@ -78,7 +78,7 @@ def plan(d: Pair, *, V: Number, r_d: Number, limit: Number) -> Lap | None:
 
 @lru_cache(maxsize=512)
 def _table(drift_cell: float, limit_cell: float) -> Batch:
-    """e/r_d and its slope over a lap, in the middle of a cell of the grid."""
+    """Return e/r_d and its slope over a lap, at the center of a grid cell."""
 
     drift, limit = (drift_cell + 0.5) * DRIFT_STEP, (limit_cell + 0.5) * LIMIT_STEP
     angle = _SPACING * np.arange(ANGLES) - np.pi
@@ -89,7 +89,7 @@ def _table(drift_cell: float, limit_cell: float) -> Batch:
     after, before = np.roll(here, 1, 1), np.roll(here, -1, 1)
     bend, slant = here + (after - 2 * here + before) / _SPACING**2, (after - before) / (2 * _SPACING)
     eased = turn[:, None] * bend + (slant @ turn)[:, None] * slant
-    # least |R e| under eased e >= turn - limit: the residual of this nonnegative problem is the answer's direction
+    # Minimize |R e| with eased e >= turn - limit. The residual of this nonnegative problem gives the solution.
     R = np.asarray(np.linalg.qr(np.vstack([here / np.sqrt(ground)[:, None], np.sqrt(BENDS) * bend]), mode="r"))
     G = np.linalg.solve(R.T, eased.T)
     E, f = np.vstack([G, turn - limit]), np.eye(ANGLES + 1)[-1]

@@ -1,8 +1,8 @@
-"""The guidance laws: one function per equation, what is proved about them, and the table a mission picks from.
+"""Guidance laws: one function per equation, their proved properties, and the table of laws for missions.
 
-Every law takes range r (m) and range rate r_dot (m/s), floats or arrays of one shape, and returns the turn rate in
+Every law takes range r (m) and range rate r_dot (m/s), as floats or as arrays of one shape. It returns the turn rate in
 rad/s, counter-clockwise positive. The sign of the gain k chooses the sense of rotation: k > 0 clockwise, k < 0
-counter-clockwise (the paper's remark after its second theorem). A law knows nothing of the vehicle's limits.
+counter-clockwise (the paper's remark after its second theorem). A law does not apply the vehicle's limits.
 """
 
 from collections.abc import Callable
@@ -15,17 +15,17 @@ import numpy as np
 from circnav_mav.guidance.maths import Number, arcsin, clip, cos, magnitude, maximum, minimum, sign, sqrt, tanh, where
 
 LEAST = 1.2
-"""Default gains stay this many times above the paper's bound."""
+"""Least ratio of a default gain to the paper's bound."""
 SMOOTH_LOOP = 0.35
-"""What 2 k r_d V lag is for law 1 at the most; from about .45 on, vehicles limit-cycle."""
+"""Largest loop gain 2 k r_d V lag of law 1. From about 0.45 on, vehicles have limit cycles."""
 LOOP_LAG = 0.55
-"""Lag of turn and filter, s, that the gain of `bounded` and the boundary layer of `relay` are made for."""
+"""Design lag of turn and filter, s, for the gain of `bounded` and the boundary layer of `relay`."""
 LawFunction = Callable[..., Number]
 """The equation of a law: (r, r_dot, *, V, r_d, k) in the paper's symbols -> turn rate."""
 
 
 class Kind(Enum):
-    """What a law needs beside range and range rate."""
+    """Inputs of a law beside range and range rate."""
 
     RANGE = "nothing"
     MEMORY = "its own integral"
@@ -60,34 +60,35 @@ def corrected_radius(r_d: float, k: float) -> float:
 
 
 def max_range_acceleration(V: Number, max_turn_rate: Number, r: Number) -> Number:
-    """Bound of |r''| = |V sin(theta_b) theta_b'| <= V^2/r + V omega_max, m/s^2.
+    """Return the bound of |r''| = |V sin(theta_b) theta_b'| <= V^2/r + V omega_max, m/s^2.
 
-    Nearer than the tightest turn, V/omega_max, the first term is held at its value there.
+    Below the radius of the tightest turn, V/omega_max, the first term keeps its value there.
     """
     return V**2 / maximum(r, V / max_turn_rate) + V * max_turn_rate
 
 
 def rate_gain(V: Number, r_d: Number, lag: Number) -> Number:
-    """Gain k of the range rate, rad/m, that a loop with so much lag (course + filter, s) bears: k V lag = 0.5.
+    """Return the largest gain k on the range rate, rad/m, for a loop with this lag (course + filter, s): k V lag = 0.5.
 
-    Above about that value the laws limit-cycle, as flown on real autopilots. No more than 6/r_d, where nothing is won.
+    Above about 0.5 the laws have limit cycles, as flown on real autopilots. Above 6/r_d a gain has no benefit.
     """
     return minimum(0.5 / (V * lag), 6 / r_d)
 
 
 def tolerated_drift(V: float, r_d: float, max_turn_rate: float) -> float:
-    """Largest drift W, m/s, in which the circle can be held, below V; negative if not even in still air.
+    """Return the largest drift W, m/s, in which the circle can be held, below V; negative if not even in still air.
 
-    (V + W)^2/(V omega_max) <= r_d: at the most downwind point the ground speed is V + W and the turn of the course
-    V/(V + W) times that of the nose. max_turn_rate: as the vehicle reaches it. Derived; necessary for every law.
+    (V + W)^2/(V omega_max) <= r_d: at the most downwind point the ground speed is V + W, and the turn of the course is
+    V/(V + W) times that of the nose. max_turn_rate: reached by the vehicle, rad/s. Derived; necessary for every law.
     """
     return min(sqrt(r_d * V * max_turn_rate) - V, 0.99 * V)
 
 
 def settling_time(r: float, V: float, r_d: float, max_turn_rate: float) -> float:
-    """Time, s, to the circle from range r in still air at worst: half a turn, then the tangent (inside: outwards).
+    """Return the worst-case time, s, to the circle from range r (m) in still air.
 
-    Dubins: pi/omega_max + sqrt(r^2 - r_d^2)/V; a prediction for `check`, not a bound.
+    Dubins path: half a turn, then the tangent (inside: outward), pi/omega_max + sqrt(r^2 - r_d^2)/V. A prediction for
+    `check`, not a bound.
     """
     way = sqrt(r**2 - r_d**2) if r > r_d else r_d - r
     return np.pi / max_turn_rate + way / V
@@ -106,13 +107,13 @@ def switching(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) ->
 
 
 def _tangent_rate(r: Number, V: Number, r_d: Number) -> Number:
-    """Range rate while flying at the tangent point of the circle, m/s; inside the circle it is not used."""
+    """Return the range rate on a course to the tangent point of the circle, m/s. Not used inside the circle."""
     return V * cos(np.pi - arcsin(minimum(r_d / maximum(r, 1e-9), 1.0)))
 
 
 @dataclass(frozen=True, slots=True)
 class Law:
-    """A law with what a mission and its check need to know of it.
+    """A law and its properties for missions and their checks.
 
     default_gain: (V, r_d, lag of the loop in s) -> magnitude of k. gain_bound: (V, r_d) -> magnitude of k, exclusive.
     reached_radius: (V, r_d, k) -> radius flown when fed r_d. fed_radius: the r_d to feed to fly a given radius.
@@ -131,12 +132,12 @@ class Law:
 
     @property
     def flies_relative_motion(self) -> bool:
-        """Whether it goes by where the target is, and not only by how far, once that is known."""
+        """True if the law uses the position relative to the target as soon as it is trusted."""
         return self.kind in (Kind.RELATIVE, Kind.AUTO)
 
 
 def counterclockwise(law: LawFunction) -> LawFunction:
-    """A law that is written for k > 0 and a counter-clockwise orbit (omega > 0 turns left), for both senses: range and
+    """Extend a law written for k > 0 and a counter-clockwise orbit (omega > 0 turns left) to both senses. Range and
     range rate do not change under reflection."""
 
     @wraps(law)
@@ -152,9 +153,9 @@ def bounded(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> N
 
     k > 1/r_d, in 1/m; exact radius, |omega| <= 2 k V. Source: Cao, "UAV circumnavigating an unknown target under a
     GPS-denied environment with range-only measurements", Automatica 55 (2015); inside in its two-sided form.
-    A smaller r_d, as a trim can make it, counts as 1/k, the smallest circle that this k flies (r_s = 0).
+    A trim can make r_d < 1/k. Then r_s = 0 applies, the smallest circle of this k.
     """
-    r_s = sqrt(maximum(r_d**2 - 1 / k**2, 1e-12))  # not 0, by which the inside divides
+    r_s = sqrt(maximum(r_d**2 - 1 / k**2, 1e-12))  # above 0: a divisor below
     outside = V * sqrt(maximum(1 - (r_s / maximum(r, 1e-6)) ** 2, 0.0))
     inside = V * sqrt(maximum(1 - (r / r_s) ** 2, 0.0))
     return k * (r_dot + where(r >= r_s, outside, -inside))
@@ -164,8 +165,8 @@ def bounded(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> N
 def relay(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
     """omega = k sat((r' + chi)/phi) + V/r_d with chi = clip(V e/r_d, -V/2, V/2): sliding on r' = -chi. e = r - r_d.
 
-    k > V/r_d, rad/s. The boundary layer phi (m/s), without which it chatters, makes the slope k/phi what the loop
-    bears. Copes with a moving target. Source: Matveev, Teimoori, Savkin, "Range-only measurements based target
+    k > V/r_d, rad/s. The boundary layer phi (m/s) avoids chattering: it limits the slope k/phi to `rate_gain`. Suitable
+    for a moving target. Source: Matveev, Teimoori, Savkin, "Range-only measurements based target
     following for wheeled mobile robots", Automatica 47 (2011).
     """
     chi = clip(V / r_d * (r - r_d), -0.5 * V, 0.5 * V)
@@ -178,7 +179,7 @@ def pd(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number
     """omega = V/r_d + k_p sat(e) + k r'. k in rad/m; k_p = k^2 V/4, for a damping of 1.
 
     Source: Dong, You, Xie, Hu, coordinate-free circumnavigation with range-based PD control. Far out r' settles to
-    k_p e_max/k + V/(r_d k): e is cut to the e_max that asks for half the speed.
+    k_p e_max/k + V/(r_d k): e is limited to the e_max that demands half the speed.
     """
     k_p = k**2 * V / 4
     e_max = k * 0.5 * V / k_p
@@ -187,11 +188,11 @@ def pd(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number
 
 @counterclockwise
 def feedforward(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
-    """omega = sqrt(V^2 - r'^2)/max(r, .43 r_d) + k (r' + chi), chi = v* tanh(gamma e/v*). k in rad/m.
+    """omega = sqrt(V^2 - r'^2)/max(r, 0.43 r_d) + k (r' + chi), chi = v* tanh(gamma e/v*). k in rad/m.
 
-    The first term is the turn of the circle through the present point, so the radius has no bias for any k. v* = .55 V,
-    an approach that a wind of .3 V leaves flyable. gamma = k V/6; condition: gamma <= k V/4 (damping at least 1) and
-    k V (course lag + filter lag) < about .5. Derived for this product.
+    The first term is the turn of the circle through the present point, so the radius has no bias for any k. With
+    v* = 0.55 V the approach is flyable in a wind of 0.3 V. gamma = k V/6; condition: gamma <= k V/4 (damping at least
+    1) and k V (course lag + filter lag) < about 0.5. Derived for this product.
     """
     gamma, v_star = k * V / 6, 0.55 * V
     chi = v_star * tanh(gamma * (r - r_d) / v_star)
@@ -203,9 +204,9 @@ def pi(
 ) -> tuple[Number, Number]:
     """s = r' + c tanh(e/delta); omega = |k| s + k_i int s. Memory (the integral, m) in, turn rate and memory out.
 
-    c = V/2 and delta = r_d/2; k_i = |k| V/r_d, ten times slower than the turn. The integral comes to rest at
-    V/(r_d k_i) by itself and is held within twice that, so that it cannot wind up while the turn saturates. Source:
-    Dong, You, Wang, isoline tracking with PI control: any field that falls with range will do.
+    c = V/2 and delta = r_d/2; k_i = |k| V/r_d, ten times slower than the turn. The steady state of the integral is
+    V/(r_d k_i). Its limit is twice that value, which prevents windup while the turn saturates. Source: Dong, You, Wang,
+    isoline tracking with PI control, for any field that decreases with range.
     """
     k_i = magnitude(k) * V / r_d
     s = r_dot + 0.5 * V * tanh((r - r_d) / (0.5 * r_d))
@@ -214,7 +215,7 @@ def pi(
 
 
 def _smooth_gain(V: float, r_d: float, lag: float) -> float:
-    """Twice the bound, as in the paper's example, or less where the delay would make the circle oscillate."""
+    """Return twice the bound, as in the paper's example, or less if the loop would oscillate with this lag (s)."""
     bound = smooth_gain_bound(r_d)
     return max(LEAST * bound, min(2 * bound, SMOOTH_LOOP / (2 * r_d * V * lag)))
 
@@ -236,7 +237,7 @@ LAWS: dict[str, Law] = {
         ),
         Law(
             "bounded", bounded, "1/m", "k > 1/r_d",
-            lambda V, r_d, lag: max(0.5 * rate_gain(V, r_d, LOOP_LAG), 1.5 / r_d),  # its slope in r is k^2 V
+            lambda V, r_d, lag: max(0.5 * rate_gain(V, r_d, LOOP_LAG), 1.5 / r_d),  # the slope in r is k^2 V
             gain_bound=lambda V, r_d: 1 / r_d,
         ),
         Law(
@@ -246,8 +247,8 @@ LAWS: dict[str, Law] = {
         Law("pd", pd, "rad/m", "k > 0"),
         Law("pi", feedforward, "rad/m", "k > 0", kind=Kind.MEMORY),
         Law("feedforward", feedforward, "rad/m", "k > 0"),
-        Law("drift", feedforward, "rad/m", "k > 0", kind=Kind.RELATIVE),  # until there is relative motion to trust
+        Law("drift", feedforward, "rad/m", "k > 0", kind=Kind.RELATIVE),  # without a trusted estimate
         Law("auto", feedforward, "rad/m", "k > 0", kind=Kind.AUTO),
     )
 }  # fmt: skip
-"""The laws by their mission names."""
+"""Laws by their mission names."""

@@ -1,13 +1,13 @@
-"""Finds the lean beyond which a copter does not go, as `bank_limit` finds a plane's bank.
+"""Detection of a copter's lean limit, the counterpart of `bank_limit` for planes.
 
-A copter leans against the air that it flies through: at V against a wind W it needs the lean for V + W. Where its
-autopilot allows less, its speed over the ground sags there, which no heading shows.
+A copter leans against the air that it flies through: at V against a wind W it needs the lean for V + W. If its
+autopilot allows less, its ground speed drops there. The heading does not show this.
 
     push = kappa v + b + v',   least squares of kappa and b (complex; earth frame)
 
-push: horizontal acceleration by the lean. v: velocity that the copter should have. kappa: drag (1/s) and, as an
-imaginary part, what is fixed to the nose (a trimmed attitude). b: the wind's. The lean is at its limit where the copter
-leans less than this asks for, holds that lean, and has never leant more.
+push: horizontal acceleration by the lean. v: velocity that the copter should have. kappa: drag (1/s); its imaginary
+part is a push fixed to the nose (a trimmed attitude). b: push of the wind. The lean is at its limit if the copter leans
+less than the fit requires, holds that lean, and has never leaned more.
 """
 
 from cmath import rect
@@ -17,36 +17,36 @@ from typing import NamedTuple
 from circnav_mav.guidance.types import OwnMotion
 
 GRAVITY = 9.80665
-"""m/s^2."""
+"""Standard gravity, m/s^2."""
 MEMORY = 60.0
-"""Time constant of the least squares, s: more than a lap tells wind from drag."""
+"""Time constant of the least squares, s: more than a lap, to separate wind from drag."""
 SMOOTHING = 1.0
-"""Time constant, s, over which leans are averaged: a gust that passes is no limit."""
+"""Time constant of the low-pass on the lean, s. It suppresses single gusts."""
 LEARNT_AFTER = 2 * pi
-"""Turn, rad, after which the least squares are believed: half a lap cannot tell drag from wind."""
+"""Turn, rad, after which the least squares are used: half a lap cannot separate drag from wind."""
 PRIOR = 1.0
-"""Weight of no drag, m^2/s: keeps the fit defined on a straight way."""
+"""Weight of the prior, a drag of 0, m^2/s: keeps the fit defined on a straight path."""
 SHORT = 0.95
-"""Share of the lean asked for below which a copter leans too little: the fit is a few percent off in turns."""
+"""Share of the required push below which a copter leans too little: the fit has a few percent of error in turns."""
 STANDS, STANDS_FOR = radians(1.5), 1.0
-"""A lean stands where it differs by less than this from its mean over a second, rad, for so long, s. PX4's estimate of
-it wanders by 1 deg rms within seconds."""
+"""A steady lean: largest difference from its mean over a second, rad, and least duration, s. PX4's estimate of it
+varies by 1 deg RMS within seconds."""
 AGAIN = 3.0
-"""Time, s, after which the same lean must stand again, or still."""
+"""Time, s, after which the lean must be steady at the same angle, still or again."""
 NEAR_MOST = radians(2.5)
-"""Lean below the largest one seen so far, rad, at which a limit may still be: farther below, it is none."""
+"""Largest difference of a limit below the largest lean so far, rad."""
 LONGEST_STEP = 0.5
-"""Gap between two reports, s, that is not counted."""
+"""Longest gap between two reports, s. Longer ones are not counted."""
 LOWERED, EVERY, LEAST = 0.95, 2.0, 0.5
-"""What is left of the speed after it was found at its limit, how often it is lowered, s, and the least of it: the loop
-that holds the velocity needs 1 to 2 s to make use of the lean that this frees."""
+"""Reduction of the speed at the lean limit: factor of each step, time between steps, s, and least share of the speed.
+The velocity loop needs 1 to 2 s to use the lean that a step makes available."""
 
 
 class LeanLimit(NamedTuple):
-    """State after a report. time: s. turned: rad. sums: of the least squares. push: smoothed, as a size, m/s^2.
-    asked: smoothed size of what the fit asks for. most: largest lean, rad. since: when the copter last leant as asked,
-    s. found: push of the limit, m/s^2; inf while none is known. share: of the speed that the limit allows. lowered_at:
-    s. stood, stood_at: lean that stood first, rad, and when, s."""
+    """State after a report. time: s. turned: rad. sums: of the least squares. push: smoothed magnitude, m/s^2. asked:
+    smoothed magnitude required by the fit, m/s^2. most: largest lean, rad. since: start of the steady lean, s; inf
+    without one. found: push at the limit, m/s^2; inf while unknown. share: allowed share of the speed. lowered_at:
+    time of the last reduction, s. stood, stood_at: first steady lean, rad, and its time, s."""
 
     time: float = inf
     turned: float = 0.0
@@ -62,7 +62,7 @@ class LeanLimit(NamedTuple):
     stood_at: float = -inf
 
     def follow(self, own: OwnMotion) -> "LeanLimit":
-        """Take in a report of a copter that flies as commanded, with the velocity that it should have."""
+        """Return the state after a report of a copter that follows. own: with the velocity that it should have."""
         if own.push is None:
             return self
         v, push, step = rect(own.airspeed, own.heading), complex(*own.push), own.time - self.time
@@ -79,12 +79,12 @@ class LeanLimit(NamedTuple):
         after = self._replace(
             time=own.time, turned=self.turned + abs(own.turn_rate) * step, push=size, asked=asked,
             most=max(self.most, lean), since=min(self.since, own.time) if stands else inf,
-            # a push that was cut says nothing of drag and wind
+            # A limited push does not show drag and wind.
             sums=self.sums if short else self._learnt(v, push - turn, step),
         )  # fmt: skip
         if own.time - after.since < STANDS_FOR or own.time - self.lowered_at < EVERY:
             return after
-        # In gusts a lean may stand once by chance. At a limit it does again, at the same angle, or for longer.
+        # In gusts a lean may be steady once by chance. At a limit it is steady again at the same angle, or for longer.
         if abs(lean - self.stood) > STANDS or own.time - self.stood_at < AGAIN:
             return after if abs(lean - self.stood) <= STANDS else after._replace(stood=lean, stood_at=own.time)
         return after._replace(found=size, share=max(LOWERED * self.share, LEAST), lowered_at=own.time)
@@ -95,7 +95,7 @@ class LeanLimit(NamedTuple):
         return tuple(old * keep + new * step for old, new in zip(self.sums, now, strict=True))
 
     def _asked(self, v: complex) -> complex:
-        """Push that the fit asks for at a velocity, without that of a turn."""
+        """Return the push that the fit requires at a velocity in straight flight, m/s^2."""
         n, mean_v, mean_push, square, product = self.sums
         if n == 0:
             return 0j

@@ -1,10 +1,8 @@
-"""Elementary functions of a float or of an array: an equation is written once, and serves the one flight in the air as
-well as the flights of an experiment, which are the last axis of its arrays.
+"""Elementary functions of a float or an array, arcs at a steady turn rate, and horizontal ranges from slant ranges.
 
-Then arcs that a vehicle flies at a steady turn rate, and slant ranges made horizontal.
-
-A float is answered by `math`, several times as fast as numpy and the same but for the last bit. Of floats, arguments
-without a result raise ValueError, and NaN must stand first in `minimum`, `maximum` and `clip` to come through.
+Each equation is written once. It serves one real flight (floats) and the flights of an experiment (last axis of its
+arrays). Floats use `math`, which is several times as fast as numpy and differs only in the last bit. Floats outside the
+domain raise ValueError. `minimum`, `maximum` and `clip` of floats return NaN only if it is the first argument.
 """
 
 import math
@@ -17,13 +15,13 @@ from numpy import ndarray
 from numpy.typing import NDArray
 
 Array = Any
-"""A number of one flight, or an array of many, as a result: its reader says which."""
+"""Result type: a number for one flight, or an array for many. `Any`, because the caller determines which."""
 Batch = NDArray[Any]
-"""An array of many flights, the last axis."""
+"""Array with the flights as last axis."""
 Pair = tuple[Array, Array] | Array
 """Two components: a tuple, or an array of shape (2, ...)."""
 Number = float | NDArray[np.float64]
-"""The same as an argument."""
+"""Argument type: a number for one flight, or an array for many."""
 Flag = bool | NDArray[np.bool_]
 
 
@@ -45,24 +43,24 @@ minimum, maximum = _either_of_two(min, np.minimum), _either_of_two(max, np.maxim
 
 
 def unit(angle: Number) -> Any:
-    """The unit vector in a direction, as a complex number."""
+    """Return the unit vector in a direction (rad), as a complex number."""
     return np.exp(1j * angle) if isinstance(angle, ndarray) else rect(1.0, angle)
 
 
 def magnitude(x: Number) -> Number:
-    """|x|: mypy knows no `abs` of either."""
+    """Return |x|. mypy has no type for `abs` of a float or an array."""
     return abs(x)  # type: ignore[return-value]
 
 
 def clip(value: Number, low: Number, high: Number) -> Any:
-    """The value, or the nearer bound."""
+    """Return the value limited to [low, high]."""
     if isinstance(value, ndarray) or isinstance(low, ndarray):
         return np.clip(value, low, high)
     return min(max(value, low), high)
 
 
 def sinc(x: Number) -> Any:
-    """sin(pi x)/(pi x)."""
+    """Return sin(pi x)/(pi x)."""
     if isinstance(x, ndarray):
         return np.sinc(x)
     y = math.pi * x
@@ -70,39 +68,39 @@ def sinc(x: Number) -> Any:
 
 
 def where(condition: Flag, then: Any, otherwise: Any) -> Any:
-    """One of two values, both worked out."""
+    """Return one of two values. Both are evaluated."""
     if isinstance(condition, ndarray):
         return np.where(condition, then, otherwise)
     return then if condition else otherwise
 
 
 MAX_SIGMA_GROWTH = 5.0
-"""Nearer overhead than this, noise grows so much that the sample says nothing: an elevation of 78 degrees."""
+"""Largest growth of the noise from slant to horizontal range, at 78 deg of elevation. Above it a sample is useless."""
 
 
 def wrap(angle: Number) -> Array:
-    """An angle in [-pi, pi)."""
+    """Return the angle in [-pi, pi)."""
     return (angle + math.pi) % (2 * math.pi) - math.pi
 
 
 def chord_parts(V: Number, psi: Number, turn: Number, dt: Number) -> tuple[Array, Array]:
-    """Displacement in dt at speed V along an arc from heading psi through the angle `turn`, exactly.
+    """Return the exact displacement (m) in dt (s) at speed V (m/s) along an arc from heading psi (rad) by `turn` (rad).
 
-    Its length is V dt sinc(turn/2) and its direction psi + turn/2. An Euler step instead leaves -0.3 m of radius.
+    Its length is V dt sinc(turn/2) and its direction psi + turn/2. An Euler step causes -0.3 m of radius error.
     """
     length, middle = V * dt * sinc(turn / (2 * math.pi)), psi + turn / 2
     return length * cos(middle), length * sin(middle)
 
 
 def chord(V: Number, psi: Number, turn: Number, dt: Number) -> Array:
-    """`chord_parts` as one array (2, ...)."""
+    """Return `chord_parts` as one array (2, ...)."""
     return np.stack(chord_parts(V, psi, turn, dt))
 
 
 def horizontal(slant: float, sigma: float, height: float) -> tuple[float, float] | None:
-    """Horizontal range and its standard deviation from a slant range, all in m.
+    """Return horizontal range and its standard deviation from a slant range, all in m.
 
-    rho = sqrt(slant^2 - height^2), sigma_rho = sigma slant/rho. None where the target is (nearly) below.
+    rho = sqrt(slant^2 - height^2), sigma_rho = sigma slant/rho. None if the target is (nearly) below.
     """
     inside = slant**2 - height**2
     if inside <= 0:
@@ -113,7 +111,7 @@ def horizontal(slant: float, sigma: float, height: float) -> tuple[float, float]
 
 
 def horizontal_rate(slant: float, rate: float, sigma: float, height: float) -> tuple[float, float] | None:
-    """Horizontal range rate and its standard deviation, m/s, from those of a slant range (m), in level flight:
+    """Return horizontal range rate and its standard deviation, m/s, from those of a slant range (m), in level flight:
     rho' = slant slant'/rho. None as `horizontal`."""
     flat = horizontal(slant, sigma, height)
     return None if flat is None else (rate * slant / flat[0], flat[1])

@@ -1,4 +1,4 @@
-"""The turn that is commanded but not flown yet: the Smith predictor's model of the vehicle."""
+"""Commanded turn that is not flown yet: the vehicle model of a Smith predictor."""
 
 from collections import deque
 from math import exp, inf
@@ -9,9 +9,8 @@ from circnav_mav.guidance.turn_response import Response
 
 
 class Pending(NamedTuple):
-    """turn: commanded but not turned yet, rad. ahead: the time it takes, s. settles: how fast the vehicle's answer
-    does, 1/s. told_late: how much later than it is flown a turn is known, s. most: turn rate that the vehicle reaches,
-    rad/s."""
+    """Commanded turn that is not flown yet. turn: rad. ahead: delay of the response, s. settles: its settling rate,
+    1/s. told_late: delay of the reported turn rate, s. most: turn rate that the vehicle reaches, rad/s."""
 
     turn: Array
     ahead: Array
@@ -21,11 +20,11 @@ class Pending(NamedTuple):
 
 
 class PendingTurn:
-    """What is commanded but not turned yet: the commands of the dead time, and what the lag still holds back.
+    """Model of the commanded turn that is not flown yet: commands within the dead time, and the rest held by the lag.
 
-    Commands (rad/s, what the vehicle is expected to turn at) are numbers, or arrays (B,) of flights that are commanded
-    together. With it the loop is closed on the heading that is already commanded, so that the delay that is modelled
-    leaves the loop (Smith, "Closer control of loops with dead time", 1957).
+    Commands are the expected turn rates of the vehicle, rad/s: numbers, or arrays (B,) of flights commanded together.
+    The loop is closed on the commanded heading, so that it does not contain the modeled delay (Smith, "Closer control
+    of loops with dead time", 1957).
     """
 
     def __init__(self) -> None:
@@ -34,23 +33,23 @@ class PendingTurn:
         self._at = 0.0
 
     def command(self, time: float, rate: Array) -> None:
-        """From this time (s) on the vehicle is told to turn at this rate."""
+        """Record an expected turn rate (rad/s) and the time (s) of its command."""
         self._commands.append((time, rate))
 
     def reset(self) -> None:
-        """Nobody commands any more."""
+        """Forget the commands."""
         self._commands.clear()
         self._rate = None
 
     def at(self, now: float, response: Response, turn_rate: Array) -> Pending:
-        """What is pending now; turn_rate: of the vehicle now, from which the model begins after a reset, rad/s."""
+        """Return the pending turn. turn_rate: of the vehicle now, rad/s; the model starts from it after a reset."""
         dead = response.dead + response.link
         if not self._commands:
             return Pending(0.0 * turn_rate, response.delay, response.settles)
         if self._rate is None:
             self._rate, self._at = turn_rate, self._commands[0][0] + dead
         rate, at = self._rate, self._at
-        # before the first command it was turned by somebody else, who goes on for as long as we are not heard
+        # Until the first command arrives, the vehicle keeps the turn of its previous controller.
         turn = turn_rate * min(max(self._commands[0][0] - (now - dead), 0.0), dead)
         ends = [*[time for time, _ in self._commands][1:], now]
         for (begin, command), end in zip(self._commands, ends, strict=True):

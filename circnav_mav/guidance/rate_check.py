@@ -1,8 +1,8 @@
-"""Whether a measured range rate goes with the ranges: z = r - (integral of the rate) must stay constant.
+"""Consistency check of measured range rates with the ranges: z = r - (integral of the rate) must stay constant.
 
-A wrong sign, a wrong scale, a frozen number or a bias all make z run away, however the vehicle flies; where they do
-not, they do no harm yet. The slope of z over some seconds is the error of the rate: the median over pairs half the span
-apart (as the Theil-Sen estimator), which does not mind outliers.
+A wrong sign, a wrong scale, a frozen value or a bias all make z diverge. While z stays constant, they are harmless. The
+slope of z over some seconds is the error of the rate. It is the median over pairs half the span apart (as in the
+Theil-Sen estimator), which is robust to outliers.
 """
 
 from collections import deque
@@ -11,46 +11,47 @@ from statistics import median
 from typing import NamedTuple
 
 QUICK, SLOW = 2.5, 15.0
-"""Spans, s, over which the slope is taken: what is far off shows in the first, a bias in the second."""
+"""Spans of the slope, s: the first shows large errors, the second a bias."""
 APART = 0.1
-"""Least time, s, between two ranges that are kept."""
+"""Shortest time between two stored ranges, s."""
 GAP = 1.0
-"""Time, s, without a rate after which its integral begins anew."""
+"""Gap between rates, s, after which their integral restarts."""
 FEWEST = 4
-"""Pairs that it takes at least."""
+"""Least number of pairs for a slope."""
 DRIFTING = 0.1
-"""Share of a range's variance that does not average out over a span: radios err slowly, too."""
+"""Share of a range's variance that does not average out over a span: radios also have slow errors."""
 SURE = 4.0
-"""Standard deviations of the slope that are no accident: it is looked at ten times a second, for hours."""
+"""Significant slope, in standard deviations: it is tested ten times a second, for hours."""
 TOLERATED = 2.0
-"""A rate may be off by so many of its own standard deviations beyond that."""
+"""Additional tolerance, in standard deviations of the rate."""
 RETRY, LONGEST_RETRY = 10.0, 160.0
-"""Time, s, for which a dropped rate must agree with the ranges before it counts again; twice as long each time."""
+"""Time, s, for which a rejected rate must agree with the ranges before it is trusted again, and its bound. It doubles
+each time."""
 
 
 class RateCheck:
-    """Compares rates with ranges, both slant, on one clock. One for each flight."""
+    """Compares slant range rates with slant ranges on one clock. One instance per flight."""
 
     def __init__(self) -> None:
         self.reset()
         self.trusted = True
-        """Whether the rates count."""
+        """True while the rates are used."""
         self.why = ""
-        """Why they were dropped the last time, for people."""
+        """Human-readable reason of the last rejection."""
         self._retry, self._opposite = RETRY / 2, False
         self._agreed = self._judged_at = 0.0
 
     def reset(self) -> None:
-        """Another clock, or a gap: nothing before can be compared with what comes."""
+        """Discard stored ranges and rates after a gap or a change of clock: new values are not comparable with them."""
         self._integral, self._rate = 0.0, None
         self._ranges: deque[tuple[float, float, float]] = deque()
         self.bias = 0.0
-        """By how much the rates are off lately, m/s, as far as the ranges tell."""
+        """Recent bias of the rates, m/s, as estimated from the ranges."""
 
     _rate: tuple[float, float] | None
 
     def add_rate(self, stamp: float, rate: float) -> None:
-        """A measured rate, m/s, at stamp, s."""
+        """Add a measured rate (m/s) at stamp (s)."""
         if self._rate is not None:
             step = stamp - self._rate[0]
             if not 0 <= step <= GAP:
@@ -60,7 +61,7 @@ class RateCheck:
         self._rate = stamp, rate
 
     def add_range(self, stamp: float, r: float, sigma: float, rate_sigma: float) -> None:
-        """A range, m, at stamp, s, and the standard deviations of ranges (m) and rates (m/s)."""
+        """Add a range (m) at stamp (s), with the standard deviations of ranges (m) and rates (m/s)."""
         if self._rate is None or abs(stamp - self._rate[0]) > GAP:
             return
         if self._ranges and stamp - self._ranges[-1][0] < APART - 1e-3:
@@ -83,16 +84,16 @@ class RateCheck:
             self._opposite = wrong.opposite(0.75)
             self.reset()
         elif slopes and not self.trusted:
-            # while the range hardly changes, as on the circle, no sign shows
+            # An opposite sign is not observable while the range hardly changes, as on the circle.
             shows = not self._opposite or abs(slopes[0].change) > SURE * slopes[0].sigma
             self._agreed += min(step, GAP) if shows else 0.0
             self.trusted = self._agreed > self._retry
-        if len(slopes) == 2 and wrong is None:  # as far as the ranges know it better than the rate's own sigma
+        if len(slopes) == 2 and wrong is None:  # weighted by the variances of rate and slope
             slow = slopes[1]
             self.bias = slow.off * rate_sigma**2 / (rate_sigma**2 + slow.sigma**2)
 
     def _slope(self, now: float, span: float, sigma: float) -> "_Slope | None":
-        """None where the span is not covered."""
+        """Return the slope over a span (s), or None if the ranges do not cover it."""
         kept = [one for one in self._ranges if one[0] >= now - span - 1e-3]
         half = len(kept) // 2
         if half < FEWEST or kept[0][0] > now - 0.8 * span:
@@ -106,7 +107,7 @@ class RateCheck:
 
 
 class _Slope(NamedTuple):
-    """off: by how much the rates say too much, m/s, and the standard deviation of that. change: of the ranges, m/s."""
+    """Slopes over a span, m/s. off: error of the rates. sigma: its standard deviation. change: slope of the ranges."""
 
     off: float
     sigma: float
@@ -114,10 +115,10 @@ class _Slope(NamedTuple):
 
     @property
     def words(self) -> str:
-        """For people."""
+        """Human-readable description."""
         advice = ", the opposite: see ranging.rate_sign" if self.opposite(0.25) else ""
         return f"reported {self.change + self.off:+.1f} m/s, ranges change by {self.change:+.1f} m/s{advice}"
 
     def opposite(self, within: float) -> bool:
-        """Whether the rate is that of the ranges with the other sign, within a share of it."""
+        """True if the reported rate is that of the ranges with the opposite sign, within this share of it."""
         return abs(self.change + self.off + self.change) < within * abs(self.change)

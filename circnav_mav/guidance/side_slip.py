@@ -1,18 +1,20 @@
-"""Where an airplane flies while its nose points elsewhere: side-slip, from bank, pitch and turn rate alone.
+"""Side-slip of an airplane from bank, pitch and turn rate alone: the angle from its nose to its path.
 
     steady:  angle = c (w - psi') - pitch tan(bank),   w = g tan(bank)/V
     else:    angle' = q w - psi' + (steady angle - angle)/T,           q = psi'/w, the mean of many seconds
 
-angle: from the nose to the direction of flight through the air, as seen from above; w: turn rate of the coordinated
-turn; counter-clockwise, the bank to the left; the pitch above the path. What a nose that turns less than its bank asks
-leaves, the side force balances: c is the time in which a side-slip bends the path away. One that is banked with its
-nose up points to the inside of its turn. The pitch is that of straight flight, known by its mean over many seconds, and
-more in a bank, which takes more lift: what it does in a gust tells nothing. A gust turns the nose into it and leaves
-the path where it was: for T the path is known by the bank, not by the nose.
+angle: from the nose to the direction of motion through the air, seen from above. w: turn rate of the coordinated turn.
+Both counter-clockwise, bank to the left, pitch above the path.
 
-ArduPilot's plane turns .75 of what its bank asks in simulation, with its nose 2.8 deg down: on a circle it flies
-2.3 deg inside of its nose, in wind 1 deg less to 1 deg more as its bank changes. Source: balance of the forces across
-the path, geometry of a banked vehicle; fitted to true tracks of ArduPlane 4.6.3 (calm, wind 5 and 8).
+First term: if the nose turns less than its bank requires, the side force balances the rest. c is the time in which a
+side-slip bends the path. Second term: with bank and the nose up, the nose points to the inside of the turn. The pitch
+is the mean of straight flight over many seconds, plus the rise for the extra lift in a bank. The measured pitch is not
+used, because gusts disturb it. A gust turns the nose into it and does not move the path. Within T the path follows the
+bank, not the nose.
+
+ArduPilot's simulated plane flies 0.75 of its coordinated turn rate, with its nose 2.8 deg down. On a circle its path
+points 2.3 deg inside of its nose, in wind +-1 deg as its bank changes. Source: balance of the forces across the path,
+geometry of a banked vehicle; fitted to true tracks of ArduPlane 4.6.3 (calm, wind of 5 and 8 m/s).
 
 Limits: c, T and LIFTS are those of this one simulated airframe. Only q and the pitch are learned in flight. The error
 on another airframe is bounded by MOST. On the emulated PX4 plane the correction changes the radius by less than 2 %.
@@ -24,24 +26,24 @@ from typing import NamedTuple
 from circnav_mav.guidance.types import OwnMotion
 
 BENDS_AWAY = 0.3
-"""c, s."""
+"""Time c in which a side-slip bends the path, s."""
 BY_BANK = 0.6
-"""T, s."""
+"""Time constant T within which the path follows the bank, s."""
 LIFTS = 0.052
-"""By how much the nose is higher, rad, for each unit of the tangent of the bank."""
+"""Rise of the nose, rad, per unit of tan(bank)."""
 MEAN_TIME = 20.0
-"""Time over which the pitch of straight flight, and q, are averaged, s."""
+"""Time constant of the means of straight-flight pitch and of q, s."""
 LEAST_TURN = 0.02
-"""A turn from which q shows, rad/s: it is 1 before."""
+"""Turn rate from which q is observable, rad/s. Below, q tends to 1."""
 MOST = 0.2
-"""Most side-slip, rad: beyond it is another airplane, or a wrong bank."""
+"""Bound of the side-slip, rad: more means another airplane, or a wrong bank."""
 LONGEST_STEP = 0.5
-"""Gap between two reports, s, after which the slip begins anew at its steady value."""
+"""Gap between two reports, s, after which the side-slip restarts at its steady value."""
 
 
 class SideSlip(NamedTuple):
-    """What is known of it after a report. time: s. angle: see above, rad. level: pitch of straight flight, rad. turned,
-    asked: means of psi' w and w^2, (rad/s)^2."""
+    """Estimate after a report. time: s. angle: see above, rad. level: pitch of straight flight, rad. turned, asked:
+    means of psi' w and w^2, (rad/s)^2."""
 
     time: float = float("-inf")
     angle: float = 0.0
@@ -50,8 +52,8 @@ class SideSlip(NamedTuple):
     asked: float = 0.0
 
     def follow(self, own: OwnMotion) -> tuple["SideSlip", OwnMotion]:
-        """Take in a report; answers with the motion through the air: its direction in the place of the nose's. Nothing
-        changes for a vehicle that does not bank to turn."""
+        """Return the state after a report, and the motion with the direction through the air as heading. Both are
+        unchanged for a vehicle that does not bank to turn."""
         if own.bank_turn is None:
             return self, own
         w, lifted, step = own.bank_turn, LIFTS * abs(tan(own.bank)), own.time - self.time

@@ -1,11 +1,12 @@
-"""From an estimate to a turn rate: the law, then the vehicle's limit. One definition for the flight in the air, in
-plain floats, and for B flights of an experiment, in arrays (B,).
+"""One guidance step: from an estimate through the law to a turn rate within the vehicle's limit.
 
-`auto` flies feedforward on range and range rate at once, the drift law as soon as the relative motion can be trusted.
-While the target is searched for, the likeliest guess is tried out: flying at a wrong guess contradicts it within
-seconds, where the straight approach of a law on range alone would leave all guesses alive. When even that tells nothing
-apart, the approach weaves. A vehicle that leaves the target behind meanwhile turns at its limit. Every change is
-bumpless: the difference to the command before it fades out.
+The same code serves one real flight (plain floats) and B flights of an experiment (arrays (B,)).
+
+`auto` starts with feedforward on range and range rate. It changes to the drift law once the relative motion is trusted.
+During acquisition it flies the most likely hypothesis of the target position: measurements contradict a wrong one
+within seconds, but the straight approach of a range-only law would not separate the hypotheses. If they stay ambiguous,
+the approach adds a sinusoidal excitation. A vehicle that flies away from the target meanwhile turns at its limit. Every
+change is bumpless: the step in the command decays to 0.
 """
 
 from dataclasses import dataclass, replace
@@ -35,34 +36,35 @@ from circnav_mav.guidance.types import SAME_TIME, Orbit, RangeEstimate, Relative
 from circnav_mav.guidance.vector_field import drift, drift_gains, mirrored, mirrored_pair, orbit_turn_rate
 
 LONGEST_STEP = 0.5
-"""A longer time between two commands counts as this, s: nothing may build up over a gap."""
+"""Longest time step, s. A longer gap between two commands counts as this, so that no state builds up over it."""
 AT_LIMIT = 0.99
-"""Share of the limit from which a command counts as cut: while laws hand over, the limit is only approached."""
+"""Share of the limit from which a command counts as saturated: during a handover it only approaches the limit."""
 NEAR, ALONG = 0.3, 0.4
-"""Radius error in units of the radius, and range rate in V, below which the vehicle is on its circle already."""
+"""Bounds for a vehicle already on its circle: radius error in units of the radius, range rate in units of V."""
 CHANGE_TIME = 1.3
-"""Time constant, s, with which the law follows the change of the estimated drift. A few bad ranges in a row move the
-estimate by 1 m/s for a moment; a shorter time constant takes that for a change of the wind."""
+"""Time constant of the filter on the estimated drift, s. A few bad ranges in a row move the estimate by 1 m/s for a
+moment. With a shorter time constant this would count as a change of the wind."""
 CIRCLING_PATIENCE = 10.0
-"""Time, s, for which a search on the circle tries no guess."""
+"""Time, s, for which acquisition on the circle flies no hypothesis."""
 FIRST_GUESS = 1.0
-"""Time, s, that a search needs before its likeliest guess is worth trying."""
+"""Time of acquisition, s, before its most likely hypothesis is flown."""
 PATIENCE = 6.0
-"""Time, s, of trying after which the approach weaves."""
+"""Time, s, without a trusted target position after which the excitation starts."""
 WEAVE_SHARE, WEAVE_PERIOD = 0.7, 6.0
-"""Amplitude in units of the turn-rate limit, and period, s: some 30 deg to either side."""
+"""Excitation: amplitude in units of the turn-rate limit, and period, s. The heading swings by about 30 deg."""
 FADE = 0.2
 """Time constant of a handover, s."""
 LEAVES, LEAVES_FAST = 0.2, 0.4
-"""Range rates, in V, from which a vehicle outside the circle that does not know where the target is turns harder than
-it would, and at the limit."""
+"""Range rates, in units of V, at which a departure begins and is complete. They apply outside the circle while the
+target position is not trusted. The command is blended towards the turn-rate limit between them."""
 
 
 @dataclass(frozen=True, slots=True)
 class LawChoice:
-    """A law by name, the magnitude of its gain, and whether its radius is corrected to the one asked for.
+    """A law by name, with the magnitude of its gain.
 
-    lag: of the vehicle's turn, s; the drift law makes its gains from it.
+    correct_radius: True if the law's radius bias is compensated. lag: of the vehicle's turn, s; sets the gains of the
+    drift law.
     """
 
     name: str
@@ -71,15 +73,15 @@ class LawChoice:
     lag: float = 0.4
 
     def eased(self, share: float, orbit: Orbit) -> "LawChoice":
-        """The law with so much of its gain, but not so little that it would not reach its circle."""
+        """Return the law with this share of its gain, but at least LEAST times the bound of convergence."""
         least = laws.LEAST * LAWS[self.name].gain_bound(orbit.speed, orbit.radius)
         return replace(self, gain=min(self.gain, max(share * self.gain, least)))
 
 
 @dataclass(frozen=True, slots=True)
 class StepSettings:
-    """What a step needs to know. sense: +1 counter-clockwise. V: m/s. r_d: m. fed: the radius that the law is fed, m.
-    k: gain with the sign of the sense (the paper: k > 0 flies clockwise). limit: of the turn rate, rad/s."""
+    """Constants of the steps on one circle. sense: +1 counter-clockwise. V: m/s. r_d: m. fed: the radius that the law
+    is fed, m. k: gain with the sign of the sense (the paper: k > 0 flies clockwise). limit: of the turn rate, rad/s."""
 
     law: Law
     sense: Number
@@ -91,16 +93,15 @@ class StepSettings:
 
     @classmethod
     def of(cls, orbit: Orbit, choice: LawChoice) -> "StepSettings":
-        """Of one mission. Raises ValueError when the radius correction does not exist for this gain."""
+        """Return the settings for a circle and a law. Raises ValueError if this gain has no radius correction."""
         law, sense = LAWS[choice.name], orbit.direction.turn_sign
         fed = law.fed_radius(orbit.speed, orbit.radius, choice.gain) if choice.correct_radius else orbit.radius
         return cls(law, sense, orbit.speed, orbit.radius, fed, -sense * choice.gain, orbit.max_turn_rate)
 
 
 class Inputs(NamedTuple):
-    """What a step goes by. time: s. r, r_dot: m, m/s. pending: what is commanded but not turned yet. relative: where
-    the target is; None without grounds. trim: m, added to the radius that the law is fed. share: of the gains that the
-    rule gives."""
+    """Inputs of one step. time: s. r, r_dot: m, m/s. pending: commanded turn not flown yet. relative: relative motion,
+    None if unknown. trim: m, added to the radius that the law is fed. share: factor on the gains of the rule."""
 
     time: float
     r: Number
@@ -112,7 +113,7 @@ class Inputs(NamedTuple):
 
 
 class Flies(IntEnum):
-    """Who steers."""
+    """Law that steers."""
 
     FEEDFORWARD = 0
     TRIAL = 1
@@ -127,9 +128,10 @@ WHY = {
 
 
 class Handover(NamedTuple):
-    """flies: who steered last; -1: nobody yet. favourite: which guess was on trial. command: what was flown, rad/s.
-    offset: what is left of the last change, rad/s. untrusted: s since the target was last known. about: to which side
-    it turns while it leaves the target behind, +1 to the left; else 0."""
+    """State of the handover between laws. flies: the law that steered last; -1: none. favourite: number of the
+    hypothesis flown last; -1: none. command: last command, rad/s. offset: decaying rest of the last change, rad/s.
+    untrusted: time since the target position was last trusted, s. about: side of the turn during a departure, +1 left,
+    else 0."""
 
     flies: Array = -1
     favourite: Array = -1
@@ -146,11 +148,11 @@ def hand_over(
     before: Handover, dt: Number, *, trusted: Flag, favourite: Number, by_range: Number, by_bank: Number,
     limit: Number, leaves: Number,
 ) -> Handover:  # fmt: skip
-    """The command of this step, for the counter-clockwise orbit. favourite: number of the likeliest guess while the
-    target is searched for, else -1.
+    """Return the handover state with the command of this step, for the counter-clockwise orbit.
 
-    by_range, by_bank: what feedforward and the drift law ask for, rad/s; by_bank counts only where it has grounds.
-    leaves: 0 where the vehicle does not leave the target behind, 1 where it does so fast.
+    favourite: number of the most likely hypothesis during acquisition, else -1. by_range, by_bank: turn rates of
+    feedforward and of the drift law, rad/s; by_bank is valid only while the relative motion is available. leaves: 0:
+    not flying away from the target, 1: flying away at full speed.
     """
     untrusted = where(trusted, 0.0, before.untrusted + dt)
     trial = logical_not(trusted) & (favourite >= 0) & (untrusted >= FIRST_GUESS - SAME_TIME)
@@ -159,8 +161,9 @@ def hand_over(
     weave = WEAVE_SHARE * limit * sin(2 * pi * untrusted / WEAVE_PERIOD)
     by_bank = by_bank + where(trial & (untrusted > PATIENCE + SAME_TIME), weave, 0.0)
     wanted = clip(where(flies == Flies.FEEDFORWARD, by_range, by_bank), -limit, limit)
-    # half a circle either way ends the leaving, and the tightest one leads away least; sides that go on changing with
-    # the guesses and the weave would be a slalom straight away from the target
+    # A half circle to either side ends the departure, and the tightest one costs the least distance. Keep the side:
+    # hypotheses and excitation change the sign of the command, and alternating turns would lead straight away from the
+    # target.
     leaves, keeps = where(trusted, 0.0, leaves), (before.about != 0) & (untrusted > PATIENCE + SAME_TIME)
     about = where(leaves == 0, 0.0, where(keeps, before.about, where(wanted < 0, -1.0, 1.0)))
     wanted = wanted + leaves * (about * limit - wanted)
@@ -170,8 +173,8 @@ def hand_over(
 
 
 class StepState(NamedTuple):
-    """What a step remembers. time: of the command before, s. memory: the integral of `pi`, m. drift_x, drift_y: the
-    smoothed drift, m/s. offset: of what it steers to from the circle, outward, m."""
+    """State between steps. time: of the last command, s. memory: the integral of `pi`, m. drift_x, drift_y: the
+    smoothed drift, m/s. offset: distance of the planned path outside the circle, m."""
 
     time: Number = -inf
     memory: Number = 0.0
@@ -182,7 +185,7 @@ class StepState(NamedTuple):
 
 
 def step(before: StepState, settings: StepSettings, inputs: Inputs) -> tuple[StepState, TurnCommand]:
-    """One step of the guidance: what it remembers now, and the turn within the limit."""
+    """Run one guidance step. Return the new state and the turn within the limit."""
     dt = where(before.time > -inf, clip(inputs.time - before.time, 0.0, LONGEST_STEP), 0.0)
     if settings.law.flies_relative_motion:
         return _with_relative_motion(before, settings, inputs, dt)
@@ -197,12 +200,13 @@ def step(before: StepState, settings: StepSettings, inputs: Inputs) -> tuple[Ste
 def _with_relative_motion(
     before: StepState, settings: StepSettings, inputs: Inputs, dt: Number
 ) -> tuple[StepState, TurnCommand]:
-    """`auto` and `drift`, seen so that the orbit is counter-clockwise; only what leaves has its sense again."""
+    """Run a step of `auto` or `drift`, mirrored to a counter-clockwise orbit. The result has the true sense."""
     s, relative, radius = settings.sense, inputs.relative, settings.fed + inputs.trim
     by_range = s * settings.law.function(inputs.r, inputs.r_dot, V=settings.V, r_d=radius, k=settings.k)
     by_drift, trusted, drift_x, drift_y, offset = by_range, False, before.drift_x, before.drift_y, 0.0
     if relative is not None:
-        # how far the drift is ahead of the smoothed one tells its change; smoothing begins where the drift law steers
+        # The difference between the drift and its low-pass gives its rate of change. The low-pass starts with the
+        # drift law.
         follows, share = before.handover.flies == Flies.DRIFT, dt / (CHANGE_TIME + dt)
         drift_x = where(follows, drift_x + share * (relative.drift_x - drift_x), relative.drift_x)
         drift_y = where(follows, drift_y + share * (relative.drift_y - drift_y), relative.drift_y)
@@ -219,8 +223,9 @@ def _with_relative_motion(
 
 
 def _tried(before: Handover, settings: StepSettings, inputs: Inputs) -> Array:
-    """Number of the guess that is worth flying at; -1: none. On the circle, with the drift known from before, the
-    circle itself soon tells the guesses apart, and trying a wrong one would leave it."""
+    """Number of the hypothesis to fly; -1: none."""
+    # On the circle with a remembered drift, wait. Circling alone soon separates the hypotheses, and flying a wrong one
+    # would leave the circle.
     relative = inputs.relative
     if relative is None or relative.trial is None or settings.law.kind is not Kind.AUTO:
         return -1
@@ -231,15 +236,17 @@ def _tried(before: Handover, settings: StepSettings, inputs: Inputs) -> Array:
 
 
 def _leaves(settings: StepSettings, inputs: Inputs) -> Array:
-    """How far a vehicle leaves the target behind: 0 not at all, or it flies `drift`, which knows; 1 fast."""
+    """Degree of departure: 0: not flying away from the target, or the law is not `auto`; 1: at full speed."""
     outside = (inputs.r > settings.r_d) & (settings.law.kind is Kind.AUTO)
     fast = clip((inputs.r_dot / settings.V - LEAVES) / (LEAVES_FAST - LEAVES), 0.0, 1.0)
     return where(outside, fast, 0.0)
 
 
 def _by_drift(settings: StepSettings, relative: RelativeMotion, change: Pair, inputs: Inputs) -> tuple[Array, Array]:
-    """The drift law, seen so that the orbit is counter-clockwise, and by how much what it steers to is outside of the
-    circle here, m. change: of the drift, m/s^2."""
+    """Return turn rate (rad/s) and offset (m, as in `StepState`) of the drift law, for the counter-clockwise orbit.
+
+    change: of the drift, m/s^2.
+    """
     p, d = (relative.x, relative.y), (relative.drift_x, relative.drift_y)
     here = mirrored(p, d, relative.heading, inputs.pending, settings.sense)
     V, r_d = maximum(relative.airspeed, 0.1 * settings.V), settings.r_d + inputs.trim
@@ -251,9 +258,9 @@ def _by_drift(settings: StepSettings, relative: RelativeMotion, change: Pair, in
 
 
 def hold(settings: StepSettings, relative: RelativeMotion | None, pending: Pending) -> TurnCommand:
-    """The circle's own turn, which no range enters: V/r_d; where the drift is trusted, what drift and heading ask for.
+    """Return the steady turn of the circle, without any range: V/r_d, or from drift and heading if they are trusted.
 
-    pending: what is commanded but not turned yet, by which the heading is looked ahead.
+    pending: commanded turn not flown yet; it predicts the heading.
     """
     s, turn = settings.sense, settings.V / settings.r_d
     if relative is not None:
@@ -264,35 +271,35 @@ def hold(settings: StepSettings, relative: RelativeMotion | None, pending: Pendi
 
 
 def limited(demanded: Array, limit: Number) -> TurnCommand:
-    """A demand cut to +-limit, both in rad/s."""
+    """Return the demand limited to +-limit, both in rad/s."""
     turn = clip(demanded, -limit, limit)
     return TurnCommand(turn, demanded, turn != demanded)
 
 
 def compensate_turn_gain(command: TurnCommand, limit: Number, gain: Number) -> TurnCommand:
-    """What to command to a vehicle that turns at `gain` times what is commanded, within +-limit (rad/s)."""
+    """Return the command divided by the vehicle's turn-rate gain, within +-limit (rad/s)."""
     cut = limited(command.turn_rate / gain, limit)
     return command._replace(turn_rate=cut.turn_rate, saturated=command.saturated | cut.saturated)
 
 
 class Steering:
-    """A law ready to steer: from an estimate to the limited command. It remembers: give every flight its own."""
+    """A law with its state: from an estimate to the limited command. Use one instance per flight."""
 
     def __init__(self, orbit: Orbit, choice: LawChoice) -> None:
-        """Raises ValueError if the radius correction does not exist for this gain."""
+        """Set the circle and the law. Raises ValueError if this gain has no radius correction."""
         self._state = StepState()
         self.change(orbit, choice)
 
     def change(self, orbit: Orbit, choice: LawChoice) -> None:
-        """Steer to another circle from now on. What is known of drift and vehicle stays, so that a small change is
-        smooth. Raises ValueError as above; then the circle stays as it was."""
+        """Steer to another circle from now on. The state is kept, so that a small change is smooth. Raises ValueError
+        as above, and then keeps the circle."""
         self._settings, self._at_rest = StepSettings.of(orbit, choice), Pending(0.0, choice.lag)
 
     def __call__(
         self, estimate: RangeEstimate, trim: float = 0.0, pending: Pending | None = None, share: float = 1.0
     ) -> TurnCommand:
-        """Return the command. trim: m, added to the radius that the law is fed. pending: what is commanded but not
-        turned yet; None: nothing, by a vehicle with the lag of the choice. share: of the gains."""
+        """Return the command. trim: m, added to the radius that the law is fed. pending: commanded turn not flown yet;
+        None: none, for a vehicle with the lag of the choice. share: factor on the gains."""
         inputs = Inputs(
             estimate.time, estimate.r, estimate.r_dot, pending or self._at_rest, estimate.relative, trim, share
         )
@@ -304,7 +311,7 @@ class Steering:
 
 
 def holding(orbit: Orbit, motion: RelativeMotion | None, pending: Pending) -> TurnCommand:
-    """`hold` of one flight; without trusted, finite relative motion V/r_d."""
+    """Return `hold` for one flight: V/r_d unless the relative motion is trusted and finite."""
     if motion is not None:
         carried = motion.drift_x, motion.drift_y, motion.heading, motion.turn_rate, motion.airspeed
         motion = motion if motion.trusted and all(map(isfinite, carried)) else None

@@ -1,8 +1,8 @@
-"""Where every gain of a law on range comes from: the mission check, the pilot and the benchmark all ask here.
+"""Default gains of all laws on range, for the mission check, the pilot and the benchmark.
 
-A gain follows from the circle and from one delay: that of the turn, which a mission states, and that of the range-rate
-filter, which follows from the radio's noise and rate. (The heading loop of `drift` and `auto` is tuned in flight, by
-the response that is measured there: see `vector_field.drift_gains`.)
+A gain depends on the circle and on one delay. The delay is the sum of the turn lag, from the mission, and the lag of
+the range-rate filter, from the radio's noise and rate. (The heading loop of `drift` and `auto` is tuned in flight from
+the measured response: see `vector_field.drift_gains`.)
 """
 
 from dataclasses import dataclass
@@ -15,24 +15,25 @@ from circnav_mav.guidance.types import Orbit
 
 
 def loop_lag(turn_lag: float, settings: EstimatorSettings, *, r_d: float, sigma: float, period: float) -> float:
-    """Return the delay, s, from a change of the range rate to the vehicle's turn: the turn's own, and that of the
-    filter on ranges of noise sigma (m) every `period` (s)."""
+    """Return the delay, s, from a change of the range rate to the vehicle's turn: turn lag plus filter lag.
+
+    turn_lag: s. r_d: m. sigma, period: noise (m) and period (s) of the ranges.
+    """
     return turn_lag + steady_state(settings, r=r_d, sigma=sigma, period=period).lag
 
 
 def default_gain(law: str, V: float, r_d: float, lag: float) -> float:
-    """Return the magnitude of a law's gain k at speed V (m/s) on a circle of r_d (m), with this delay in the loop (s).
-    The rule is the law's own, see `laws`."""
+    """Return the magnitude of a law's gain k by its rule in `laws`. V: m/s. r_d: m. lag: delay of the loop, s."""
     return float(LAWS[law].default_gain(V, r_d, lag))
 
 
 @dataclass(frozen=True, slots=True)
 class LawTuning:
-    """A law, and what its gain follows from on any circle.
+    """A law and the inputs of its gain rule, for any circle.
 
     law: its name. estimation: of the range-rate filter. turn_lag: from a command to its turn, s. sigma, period: noise
-    (m) and period (s) of the ranges. gain: given by the mission; None: by the law's rule. rate_sigma: noise of a range
-    rate that steers as it is measured, m/s; None where a filter estimates it.
+    (m) and period (s) of the ranges. gain: given by the mission; None: by the law's rule. rate_sigma: noise of a
+    measured range rate that steers directly, m/s; None if a filter estimates the rate.
     """
 
     law: str
@@ -45,14 +46,14 @@ class LawTuning:
     rate_sigma: float | None = None
 
     def steady_estimate(self, radius: float) -> SteadyState:
-        """Return noise and lag of the range rate on a circle (m). Of a filter by the ranges alone: a measured rate may
-        be dropped in flight, and the gains stay."""
+        """Return noise and lag of the range rate on a circle with this radius (m). A filter is evaluated with ranges
+        alone: a measured rate may be rejected in flight, and the gains stay valid."""
         if self.rate_sigma is not None:
             return SteadyState(self.rate_sigma, self.period / 2)
         return steady_state(self.estimation, r=radius, sigma=self.sigma, period=self.period)
 
     def loop_lag(self, radius: float) -> float:
-        """Return the delay, s, from a change of the range rate to the vehicle's turn on a circle (m)."""
+        """Return the delay, s, from a change of the range rate to the turn, on a circle with this radius (m)."""
         return self.turn_lag + self.steady_estimate(radius).lag
 
     def default_gain(self, orbit: Orbit) -> float:
@@ -60,5 +61,5 @@ class LawTuning:
         return default_gain(self.law, orbit.speed, orbit.radius, self.loop_lag(orbit.radius))
 
     def choice(self, orbit: Orbit) -> LawChoice:
-        """Return the law with its gain on a circle."""
+        """Return the law with its gain for a circle."""
         return LawChoice(self.law, self.gain or self.default_gain(orbit), self.correct_radius, self.turn_lag)

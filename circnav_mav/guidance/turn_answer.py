@@ -1,4 +1,4 @@
-"""The answer of one vehicle to turn commands, as learned in flight: gain, delay, bank limit and pending turn."""
+"""Vehicle response to turn commands, learned in flight: gain, delay, bank limit and pending turn."""
 
 from collections import deque
 from math import inf, pi, remainder
@@ -12,30 +12,31 @@ from circnav_mav.guidance.turn_response import Knowledge, Response, ResponseLear
 from circnav_mav.guidance.types import OwnMotion
 
 TOLD_LATE = 0.2
-"""How much later than its bank a plane's nose turns, s, as seen on ArduPlane 4.6.3: the side-slip is known no sooner.
-With gains for the bank alone, LoRa-like ranges cost 2.7 instead of 1.9 m there."""
+"""Delay of a plane's reported turn rate behind its bank, s, as seen on ArduPlane 4.6.3; the side-slip estimate has the
+same delay. With gains for the delay of the bank alone, LoRa-like ranges cost 2.7 instead of 1.9 m of radius there."""
 SILENCE = 1.0
-"""Pause of the commands, s, after which vehicles do what they do without: brake, hover, loiter."""
+"""Pause of the commands, s, after which vehicles change to their default: brake, hover, loiter."""
 DEAF_AFTER = 1.0
-"""Time of not turning as commanded, s, after which a vehicle counts as deaf: a reversed turn takes less."""
+"""Time of not turning as commanded, s, after which a vehicle counts as unresponsive: reversing a turn takes less."""
 OBEYS_AFTER = 2.0
-"""Time of turning as commanded, s, after which a deaf vehicle teaches again: the model of its answer has then forgotten
-the commands that it never received."""
+"""Time of turning as commanded, s, after which learning resumes. By then the response model no longer contains the
+commands that the vehicle never received."""
 TAKEN_BACK = 4.0
-"""What was learnt in so many seconds before a vehicle counts as deaf is taken back: ArduPilot flies on by the last
-command for 3 s, which looks like obedience for as long as the commands do not change."""
+"""Time before a vehicle counts as unresponsive, s, whose learning is discarded. ArduPilot keeps the last command for
+3 s. While the commands do not change, this looks like following."""
 
 
 class TurnAnswer:
-    """What is known of how one vehicle answers in flight, and what it has not answered yet.
+    """Learned response of a vehicle, and the commanded turn that it has not flown yet.
 
-    by_command: turn rate as it was commanded and as flown. by_bank: the same of the bank that it has; None before it
-    was commanded and told a bank. link: there and back, s. bank_limit: of its autopilot, as found in flight.
+    by_command: flown over commanded turn rate. by_bank: flown turn rate over the coordinated turn rate of the
+    bank; None until a commanded vehicle has reported a bank. link: round-trip delay, s. bank_limit: the autopilot's, as
+    found in flight.
     """
 
     def __init__(self, lag: float, limit: float, *, gain: float | None = None, link: float = 0.0) -> None:
-        """lag: from a command to its turn before the flight has told, s. limit: of the commands, rad/s. gain: realised
-        over commanded turn rate; None: learnt."""
+        """lag: initial delay from a command to its turn, s. limit: of the commands, rad/s. gain: flown over commanded
+        turn rate; None: learned."""
         self._gain, self._limit, self.link = gain, limit, link
         self.by_command = TurnGain(gain=gain or 1.0)
         self.by_bank: TurnGain | None = None
@@ -48,12 +49,12 @@ class TurnAnswer:
         self._commanded: float | None = None
         self._followed_at = self._deaf_at = -inf
         self._lessons: deque[tuple[float, TurnGain, Knowledge]] = deque()
-        """What was known at times of the last seconds."""
+        """Snapshots of the learned state over the last seconds."""
         self._commanded_at = -inf
 
     @property
     def gain(self) -> float:
-        """Realised over commanded turn rate, as used now."""
+        """Flown over commanded turn rate, as used now."""
         return self._gain or float((self.by_bank or self.by_command).gain)
 
     @property
@@ -67,12 +68,12 @@ class TurnAnswer:
         return self._learner.response(self.link)
 
     def pending(self, now: float, turn_rate: Array) -> Pending:
-        """What is commanded but not turned yet; turn_rate: of the vehicle now, rad/s."""
+        """Return the commanded turn that is not flown yet. turn_rate: of the vehicle now, rad/s."""
         late = 0.0 if self.by_bank is None else TOLD_LATE
         return self._pending.at(now, self.response, turn_rate)._replace(told_late=late, most=self.most)
 
     def command(self, now: float, rate: float) -> None:
-        """From this time (s) on the vehicle is told to turn at this rate, rad/s."""
+        """Record a commanded turn rate (rad/s) and the time (s) of its start."""
         if self._commanded is not None and now - self._commanded_at > SILENCE:
             self.monitor.reset()
         self._commanded, self._commanded_at, most = rate, now, self.bank_limit.bank
@@ -81,8 +82,8 @@ class TurnAnswer:
         self._pending.command(now, reached * self.gain)
 
     def watch(self, nose: OwnMotion) -> None:
-        """Compare the turn of the nose, or the bank, with the commanded turn. nose: motion as the autopilot reports it,
-        not as the path through the air that is worked out from it."""
+        """Compare the turn of the nose, or of the bank, with the commanded turn. nose: motion as the autopilot reports
+        it, before the correction to the path through the air."""
         self._nose += remainder(nose.heading - self._nose, 2 * pi)
         turned = self._nose if nose.bank_turn is None else self._turned
         new, commanded = self._bins.take(nose.time, turned, self.link), self._commanded
@@ -91,7 +92,7 @@ class TurnAnswer:
             self.monitor.take(TurnBin(nose.time, new.predicted.ravel(), new.turned, commanded), begun)
 
     def feel(self, own: OwnMotion) -> bool:
-        """Learn from the vehicle's heading, or bank; tells whether it was commanded."""
+        """Learn from the vehicle's heading, or bank. Return True if the vehicle is commanded."""
         if own.bank_turn is None:
             self._turned += remainder(own.heading - self._turned, 2 * pi)
         else:
@@ -104,10 +105,10 @@ class TurnAnswer:
         else:
             self._learner.skip()
         if own.bank_turn is not None:
-            # of the bank it has, not of the commanded one: an autopilot with a lower bank limit turns no worse for it
+            # Use the reported bank, not the commanded one: a lower bank limit of the autopilot must not lower the gain.
             before = self.by_bank or TurnGain()
             self.by_bank = learn(before, lag=0.0, time=own.time, heading=own.heading, command=own.bank_turn)
-        # with the lag that the mission states, a copter that answers sooner seemed not to do as it was told
+        # Use the learned delay. With the lag of the mission, a copter with a faster response looked unresponsive.
         lag = self.response.delay
         self.by_command = learn(self.by_command, lag=lag, time=own.time, heading=own.heading, command=self._commanded)
         if self.by_bank is not None and own.bank_turn is not None:
@@ -117,11 +118,12 @@ class TurnAnswer:
         return True
 
     def _watch_obedience(self, now: float) -> None:
-        """Take back what a vehicle taught that soon proved to be deaf: over a dead uplink its turns are no answers."""
+        """Discard recent learning if the vehicle turned out unresponsive: over a dead uplink its turns mean nothing."""
         lessons, followed = self._lessons, bool(self.by_command.followed)
         self._followed_at = now if followed or self._followed_at == -inf else self._followed_at
         if now - self._followed_at > DEAF_AFTER:
             if lessons:
+                # Restore the oldest snapshot, from before the vehicle stopped following.
                 _, gain, knowledge = lessons[0]
                 self.by_command = self.by_command._replace(gain=gain.gain, square=gain.square, product=gain.product)
                 self._learner.knowledge = knowledge
@@ -133,7 +135,7 @@ class TurnAnswer:
                 lessons.popleft()
 
     def reset(self) -> None:
-        """The vehicle is not ours any more: what it does now is not our doing, and teaches nothing."""
+        """Stop learning and forget the commands. Call when the vehicle is no longer controlled from here."""
         self._commanded = None
         self._followed_at = self._deaf_at = -inf
         self._lessons.clear()

@@ -1,8 +1,8 @@
-"""How much of a commanded turn rate a vehicle really turns, learnt in flight; floats for one flight, arrays for many.
+"""Ratio of flown to commanded turn rate, learned in flight; floats for one flight, arrays for many.
 
-Real vehicles realise .70 .. 1.05 of what is commanded (a plane that banks for a coordinated turn and slips: .73), and
-one percent left over is .2 .. .3 m of radius. Least squares of the heading's rate on the commanded rate, with
-exponential forgetting; both pass the same low-pass, so that the vehicle's lag does not bias the ratio.
+Real vehicles fly 0.70 to 1.05 of the commanded turn rate (a plane that banks for a coordinated turn and slips: 0.73). A
+remaining error of 1 % is 0.2 to 0.3 m of radius. Method: least squares of the heading's rate on the commanded rate,
+with exponential forgetting. Both pass the same low-pass, so that the vehicle's lag does not bias the ratio.
 """
 
 from math import inf, pi
@@ -18,16 +18,16 @@ PRIOR = 0.01
 LOWEST, HIGHEST = 0.6, 1.25
 """Bounds of the gain."""
 DEAF = 1 / 3
-"""Fraction of the commanded turn below which a vehicle does not fly what is commanded."""
+"""Fraction of the commanded turn below which a vehicle counts as not following."""
 LEAST_COMMAND = 0.02
-"""Commanded turn rate, rad/s, below which noise would hide whether it is followed."""
+"""Commanded turn rate, rad/s, below which noise hides whether the vehicle follows."""
 LONGEST_STEP = 0.5
-"""Gap between two headings, s, after which the low-pass starts anew."""
+"""Gap between two headings, s, after which the low-pass restarts."""
 
 
 class TurnGain(NamedTuple):
-    """The state of the estimate; `gain` is realised over commanded turn rate. time: of the newest heading, s, at first
-    -inf. age: for how long the low-pass has followed the vehicle, s."""
+    """State of the estimate. gain: flown over commanded turn rate. time: of the newest heading, s; -inf at the start.
+    age: time for which the vehicle has followed, s."""
 
     gain: Number = 1.0
     time: Number = -inf
@@ -41,13 +41,16 @@ class TurnGain(NamedTuple):
 
     @property
     def followed(self) -> Flag:
-        """Whether the vehicle turns as commanded, at least by a third. One that does not hear us teaches nothing."""
+        """True if the turn is at least a third of the command, or the command is too small to judge."""
         return _followed(self.smooth_rate, self.smooth_command)
 
 
 def learn(state: TurnGain, *, lag: Number, time: Number, heading: Number, command: Number) -> TurnGain:
-    """One heading (rad) measured while `command` (rad/s, same sense as the heading) was commanded to a vehicle whose
-    turn lags by `lag` (s)."""
+    """Return the state after a heading.
+
+    lag: from a command to its turn, s. heading: measured, rad. command: commanded turn rate meanwhile, rad/s, same
+    sense as the heading.
+    """
     gap = time - state.time
     begins = logical_not((gap >= 0) & (gap <= LONGEST_STEP))
     step = where(begins, 0.0, gap)
@@ -60,7 +63,7 @@ def learn(state: TurnGain, *, lag: Number, time: Number, heading: Number, comman
     rate = state.smooth_rate + (turned / maximum(step, 1e-9) - state.smooth_rate) * smooth
     followed = _followed(rate, told)
     age = where(followed, state.age + step, 0.0)
-    # until then the low-pass has not yet forgotten its start, or what was not followed
+    # Before that, the low-pass still contains its start, or turns that did not follow.
     learns = followed & (age >= 4 * SMOOTHING - SAME_TIME)
     forget = exp(-step / MEMORY)
     square = where(learns, state.square * forget + told**2 * step, state.square)

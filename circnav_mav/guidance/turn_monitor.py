@@ -1,13 +1,13 @@
-"""Compares commanded and flown turns over a sliding window: does the vehicle follow, and does the turn swing?
+"""Monitor of commanded and flown turns over a sliding window: detects a vehicle that does not follow, and limit cycles.
 
-Both are judged by bins of 0.2 s: the commanded turn rate, the flown one (of a plane: that of its bank), and what each
-candidate of `turn_response` predicts. No range enters, so a wrong range raises nothing.
+Both use bins of 0.2 s: commanded turn rate, flown turn rate (of a plane: that of its bank), and the prediction of each
+candidate of `turn_response`. Ranges are not used, so a wrong range raises no alarm.
 
-Follows: least squares of the flown on the predicted turns. A vehicle that follows turns at a third of a prediction or
-more, with one of the delays that vehicles have. One that does not is explained better by a constant turn (it ignores
-commands), by a negative gain (it is reversed) or by one below a fifth (it is weak).
+Following: least squares of the flown on the predicted turns. A vehicle that follows has a gain of a third or more at
+one of the candidate delays. Otherwise the flight fits better to a constant turn (commands are ignored), a negative gain
+(reversed) or a gain below a fifth (weak).
 
-Swings: autocorrelation of the fast part of the turns. In a limit cycle they repeat themselves after one period and are
+Limit cycle: autocorrelation of the fast part of the turns. In a limit cycle they repeat after one period and are
 reversed after half of it. Gusts and noise are as large, but have no period.
 """
 
@@ -20,51 +20,52 @@ import numpy as np
 from circnav_mav.guidance.maths import Batch
 
 BIN = 0.2
-"""Width of a bin, s: shorter ones see the gyro's noise, longer ones lose the delay."""
+"""Width of a bin, s: shorter bins contain too much gyro noise, longer ones do not resolve the delay."""
 LONGEST_GAP = 1.0
-"""Gap between two bins, s, after which the window begins anew: what was flown meanwhile is not known."""
+"""Gap between two bins, s, after which the window restarts: the turns in between are unknown."""
 BEGINS = 1.6
-"""Time after the first command, s, from which on turns are compared: before, the vehicle still does what it did."""
+"""Time after the first command, s, before turns are compared: the vehicle first finishes its previous maneuver."""
 
 LEAST_GAIN, MOST_GAIN = 1 / 3, 1.6
-"""Gains of a vehicle that follows. At a bank limit below the mission's a plane turns at down to a third."""
+"""Gains of a vehicle that follows. A plane with a bank limit below the mission's has a gain down to a third."""
 WEAK_GAIN, REVERSED_GAIN = 0.2, -1.6
-"""Gains of one that does not. Between a fifth and a third nothing is said: neither side is sure."""
+"""Gains of a vehicle that does not follow. Between a fifth and a third the verdict is open."""
 WINDOWS = 12, 20, 50
-"""Bins over which it is judged: 2.4 s of hard turns are enough, small ones take 10 s."""
+"""Lengths of the windows, bins: 2.4 s of hard turns are enough, small turns need 10 s."""
 BETTER = 0.3
-"""Share of the squared error of following that is left by not following, from which on that is believed. Gusts that
-turn the nose, 0.1 rad/s on the emulated vehicles, leave more than half."""
+"""Largest ratio of the better model's squared error to that of the other model. Gusts that turn the nose, 0.1 rad/s on
+the emulated vehicles, leave a ratio above 0.5."""
 EVIDENCE = 0.0007
-"""Integral of the difference of both squared errors, rad^2/s, that is needed: 0.05 rad/s (3 deg/s) that are not flown
-for 2.4 s, or 0.025 for 10 s. A bank that is 3 deg off its trim is 0.023 rad/s at 22 m/s."""
+"""Least integral of the difference of both squared errors, rad^2/s: 0.05 rad/s (3 deg/s) not flown for 2.4 s, or 0.025
+rad/s for 10 s. A bank error of 3 deg is 0.023 rad/s at 22 m/s."""
 IN_A_ROW = 2
-"""Bins in a row that must agree."""
+"""Consecutive bins that must agree before the verdict changes."""
 
 SWING_WINDOW, LEAST_SWING_WINDOW = 72, 36
-"""Most and least bins over which a swing is looked for: 14.4 s are four periods of the slowest cycle, 7.2 s those of
-1.8 s."""
+"""Longest and shortest window for a limit cycle, bins: 14.4 s contain four periods of the slowest cycle, 7.2 s four
+periods of 1.8 s."""
 LONGEST_PERIOD = 18
-"""Longest period of a cycle, bins: 3.6 s. On firmware they had 1 to 4.6 s, most below 2.5. Slower ones cannot be told
-from a search, which weaves in 6 s and turns from one guess to the next in 4.4 to 5."""
+"""Longest period of a cycle, bins: 3.6 s. On firmware cycles had 1 to 4.6 s, most below 2.5 s. Slower ones look like
+acquisition: its excitation has 6 s, and its turns from one hypothesis to the next take 4.4 to 5 s."""
 PERIODS = 4.0
-"""Periods that the window must hold: of the turns to and fro of an approach there are fewer, and of gusts that happen
-to repeat themselves."""
+"""Least number of periods in the window: more than the alternating turns of an approach, or gusts that repeat by
+chance."""
 LASTS = 5
-"""Bins in a row in which a swing must be regular."""
+"""Consecutive bins in which the oscillation must be regular."""
 LEAST_SWING = 0.25
-"""Root mean square of the fast part, in units of the limit, from which on a swing matters."""
+"""Least RMS of the fast part of an oscillation that counts, in units of the turn-rate limit."""
 REPEATS, REVERSES = 0.8, -0.75
-"""Autocorrelation after a period, at least, and half a period before it, at most. On the emulated vehicles limit cycles
-have 0.9 and more of both; sound loops in gusts of 3 m/s 0.6, approaches and searches 0.71 at the most."""
+"""Autocorrelation of a limit cycle: lower bound after one period, upper bound half a period before. On the emulated
+vehicles, limit cycles have magnitudes of 0.9 and more. Stable loops in gusts of 3 m/s have 0.6, approaches and
+acquisition at most 0.71."""
 LOWERED, LEAST = 0.7, 0.15
-"""What a cycle leaves of the gains, and what is always left. A loop with a damping of 0.06 is quiet from a third of the
-gains on, one of 0.05 at 3 rad/s from a sixth. A tenth no longer held a circle of 60 m in wind (71 m off)."""
+"""Factor on the gains after each limit cycle, and least share of the gains. A loop with a damping of 0.06 is quiet at a
+third of the gains, one with 0.05 at 3 rad/s at a sixth. A tenth did not hold a circle of 60 m in wind (71 m off)."""
 
 
 class Swing(NamedTuple):
-    """size: root mean square of the fast part, rad/s. period: s, inf without one. repeats, reverses: autocorrelation
-    after a whole and half a period."""
+    """Oscillation of turn rates. size: RMS of the fast part, rad/s. period: s, inf without one. repeats, reverses:
+    autocorrelation after a whole period, and its minimum before."""
 
     size: float = 0.0
     period: float = inf
@@ -73,12 +74,12 @@ class Swing(NamedTuple):
 
     @property
     def regular(self) -> bool:
-        """True if it has the rhythm of a limit cycle."""
+        """True if the autocorrelation fits a limit cycle."""
         return self.repeats >= REPEATS and self.reverses <= REVERSES
 
 
 class TurnBin(NamedTuple):
-    """time: of its end, s. predicted: turn rate by each candidate, rad/s. flown, commanded: rad/s."""
+    """Turn rates of a bin, rad/s. time: of its end, s. predicted: by each candidate."""
 
     time: float
     predicted: Batch
@@ -87,9 +88,12 @@ class TurnBin(NamedTuple):
 
 
 class TurnMonitor:
-    """follows: False once the vehicle was found not to follow turn commands. since: when that was found, s. share: of
-    the gains that is left after cycles. cycles: times that they were lowered. swing: of the newest bins. swings: True
-    while the turn is in a limit cycle."""
+    """Detects a vehicle that does not follow, and lowers the gains in a limit cycle.
+
+    follows: False while the vehicle does not follow turn commands. since: time of that verdict, s; inf if it follows.
+    share: factor on the gains. cycles: number of reductions. swing: oscillation of the newest bins. swings: True while
+    the turn is in a limit cycle.
+    """
 
     def __init__(self, limit: float) -> None:
         """limit: of the commanded turn rate, rad/s."""
@@ -102,7 +106,7 @@ class TurnMonitor:
         self.swing, self.swings = Swing(), False
 
     def take(self, new: TurnBin, begun: float) -> None:
-        """Take in a bin. begun: time of the first command to this vehicle, s."""
+        """Add a bin. begun: time of the first command to this vehicle, s."""
         if self._bins and new.time - self._bins[-1].time > LONGEST_GAP:
             self._forget()
         if new.time - begun < BEGINS:
@@ -113,7 +117,7 @@ class TurnMonitor:
         self._judge_swing()
 
     def reset(self) -> None:
-        """Another has the vehicle now."""
+        """Restart. Call when another controller has the vehicle. The gains stay lowered."""
         self._forget()
         self.follows, self.since = True, inf
 
@@ -125,6 +129,7 @@ class TurnMonitor:
 
     def _judge_following(self, now: float) -> None:
         judged = [_evidence(self._bins, width) for width in WINDOWS if len(self._bins) >= width]
+        # One window that shows a vehicle not following outweighs all windows that show following.
         verdict = min(judged, default=0) if min(judged, default=0) < 0 else max(judged, default=0)
         self._in_a_row = self._in_a_row + verdict if verdict * self._in_a_row >= 0 else verdict
         if self._in_a_row <= -IN_A_ROW and self.follows:
@@ -142,14 +147,14 @@ class TurnMonitor:
         self.swings = self._regular >= LASTS
         if self.swings:
             self.share, self.cycles = max(self.share * LOWERED, LEAST), self.cycles + 1
-            # what was flown with the gains of before says nothing of those of now
+            # Turns flown with the previous gains do not show the effect of the new ones.
             self._turns.clear()
             self._regular = 0
 
 
 def _evidence(bins: deque[TurnBin], width: int) -> int:
-    """-1 if the newest bins show that the vehicle does not follow, +1 if they show that it does, 0 if neither. A turn
-    that does not change shows the latter never: it may be the vehicle's own."""
+    """Return -1 if the newest bins show that the vehicle does not follow, +1 if they show that it does, else 0. A
+    constant turn never gives +1: it may be independent of the commands."""
     newest = list(bins)[-width:]
     flown = np.array([one.flown for one in newest])
     predicted = np.array([one.predicted for one in newest])
@@ -159,7 +164,7 @@ def _evidence(bins: deque[TurnBin], width: int) -> int:
         gain = np.clip(product / np.maximum(square, 1e-9), least, most)
         return np.asarray((flown[:, None] - gain * predicted) ** 2)
 
-    # One bin may be wrong: an attitude that came late, a setpoint that was lost. Not following lasts.
+    # Ignore the worst bin: a late attitude or a lost setpoint makes one bin wrong. Not following persists.
     followed = errors(LEAST_GAIN, MOST_GAIN)
     following = float((followed.sum(0) - followed.max(0)).min())
     weak = float(errors(REVERSED_GAIN, WEAK_GAIN).sum(0).min())
@@ -170,7 +175,7 @@ def _evidence(bins: deque[TurnBin], width: int) -> int:
 
 
 def find_swing(turns: Batch) -> Swing:
-    """The swing of turn rates (rad/s) in bins, whose slow part is what wind and the way to the circle ask for."""
+    """Return the oscillation of binned turn rates (rad/s). A parabola removes the slow part: wind and approach."""
     place = np.linspace(-1.0, 1.0, turns.size)
     fast = turns - np.polyval(np.polyfit(place, turns, 2), place)
     size = sqrt(float(np.mean(fast**2)))
@@ -180,7 +185,7 @@ def find_swing(turns: Batch) -> Swing:
     if not negative.size:
         return Swing(size)
     peak = int(negative[0]) + int(correlation[negative[0] :].argmax())
-    if peak + 1 >= longest:  # it still rises: a longer period than any cycle's
+    if peak + 1 >= longest:  # still rising: the period is longer than any cycle's
         return Swing(size)
     half = correlation[: peak + 1].min()
     return Swing(size, BIN * (peak + 1), float(correlation[peak]), float(half))

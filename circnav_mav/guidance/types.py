@@ -1,5 +1,7 @@
-"""The values that flow through the guidance, frozen and in SI units, in the paper's frame: x right, y up, angles and
-turn rates counter-clockwise positive seen from above."""
+"""Value types of the guidance: immutable, in SI units, in the paper's frame.
+
+Frame: x right, y up, angles and turn rates counter-clockwise positive seen from above.
+"""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -7,7 +9,7 @@ from math import atan2, hypot, pi
 from typing import NamedTuple, NewType
 
 SAME_TIME = 1e-6
-"""Times are told to the microsecond, s; less apart is rounding."""
+"""Times are stored in microseconds. Smaller differences (s) are rounding error."""
 TurnRate = NewType("TurnRate", float)
 """Turn rate in rad/s."""
 
@@ -27,9 +29,9 @@ class Direction(Enum):
 class RangeSample(NamedTuple):
     """One measured range.
 
-    stamp: time of the measurement on the sensor's clock, s (any epoch; only differences count). time: the same moment
-    on the local clock, s. r: horizontal distance to the target, m. sigma: its standard deviation, m. source: who
-    measured it, for the log. r_dot: range rate by Doppler, m/s, where the radio gives one; r_dot_sigma: of that, m/s.
+    stamp: time of the measurement on the sensor's clock, s (any epoch; only differences matter). time: the same moment
+    on the local clock, s. r: horizontal distance to the target, m. sigma: its standard deviation, m. source: name of
+    the sensor, for the log. r_dot: Doppler range rate, m/s, or None. r_dot_sigma: its standard deviation, m/s.
     """
 
     stamp: float
@@ -42,12 +44,12 @@ class RangeSample(NamedTuple):
 
     @property
     def rate(self) -> "RateSample | None":
-        """The range rate of the same moment, where there is one."""
+        """Range rate of the same moment, or None."""
         return None if self.r_dot is None else RateSample(self.stamp, self.time, self.r_dot, self.r_dot_sigma)
 
 
 class RateSample(NamedTuple):
-    """One measured range rate, m/s, horizontal, positive away from the target; the rest as of a RangeSample."""
+    """One measured range rate, m/s, horizontal, positive away from the target. Other fields as in RangeSample."""
 
     stamp: float
     time: float
@@ -56,7 +58,7 @@ class RateSample(NamedTuple):
 
 
 class FeltVelocity(NamedTuple):
-    """The integral of the measured horizontal acceleration since a time, m/s."""
+    """Integral of the measured horizontal acceleration since a time (s), m/s."""
 
     x: float
     y: float
@@ -64,13 +66,13 @@ class FeltVelocity(NamedTuple):
 
 
 class OwnMotion(NamedTuple):
-    """What the autopilot knows of itself without GPS.
+    """Motion that the autopilot measures without GPS.
 
-    time: local clock, s. heading: of the flight through the air, rad; of a plane that slips or a copter that crabs not
-    quite that of its nose. turn_rate: of the nose, rad/s (not the body's z rate). airspeed: as measured, m/s.
-    bank_turn: turn rate of the coordinated turn at this bank, rad/s; None for vehicles that do not bank to turn. bank:
-    of these, to the left, rad. pitch: of the nose above the path, rad. push: horizontal acceleration (x, y) by the tilt
-    of the thrust, m/s^2; None for those that do not fly by it. felt: what the accelerometers tell; None without them.
+    time: local clock, s. heading: direction of motion through the air, rad. It differs from the nose by a
+    plane's side-slip or a copter's crab angle. turn_rate: of the nose, rad/s (not the body's z rate). airspeed: as
+    measured, m/s. bank_turn: turn rate of the coordinated turn at this bank, rad/s; None for vehicles that do not bank
+    to turn. bank: to the left, rad. pitch: of the nose above the path, rad. push: horizontal acceleration (x, y) by the
+    tilt of the thrust, m/s^2, or None. felt: integrated accelerometer measurement, or None.
     """
 
     time: float
@@ -85,14 +87,14 @@ class OwnMotion(NamedTuple):
 
 
 class RelativeMotion(NamedTuple):
-    """Where the vehicle is relative to the target and what carries it, as the compass has it; experiments hold arrays.
+    """Position relative to the target, and drift, in compass axes. Arrays in batched experiments.
 
-    x, y: vehicle minus target, m. sigma: standard deviation of that, m. drift_x, drift_y: wind minus target velocity,
-    m/s. heading (rad), turn_rate (rad/s): own motion at this moment. airspeed: true, m/s; scale: true over measured.
-    trusted: whether it may steer. trial: number of the guess, where it is no more than a guess; None (in arrays -1)
-    where it is none. drift_remembered: whether a search began with the drift known from before. feels: how far the
-    measured accelerations are believed, 0 .. 1. drift_covariance: xx, xy, yy of the steady part of the drift,
-    (m/s)^2; None in experiments.
+    x, y: vehicle minus target, m. sigma: standard deviation of the position, m. drift_x, drift_y: wind minus target
+    velocity, m/s. heading (rad), turn_rate (rad/s): own motion at this moment. airspeed: true, m/s. scale: true over
+    measured airspeed. trusted: True if it may steer. trial: number of the hypothesis; None (in arrays -1) if it is no
+    hypothesis. drift_remembered: True if acquisition started with an earlier drift estimate. feels: weight of the
+    measured accelerations, 0 to 1. drift_covariance: xx, xy, yy of the steady part of the drift, (m/s)^2; None in
+    experiments.
     """
 
     x: float
@@ -127,11 +129,11 @@ class RelativeMotion(NamedTuple):
 
 
 class RangeEstimate(NamedTuple):
-    """What an estimator believes at one moment of the local clock.
+    """Output of an estimator at one moment of the local clock.
 
     r, r_dot: range (m) and range rate (m/s); r_sigma, r_dot_sigma: their standard deviations. eta: angle from the
     heading to the line of sight (target to the left positive), rad. relative: the whole relative motion. missed: share
-    of recent samples that did not fit. None where the estimator does not tell.
+    of recent samples that were rejected as outliers. None: not provided by the estimator.
     """
 
     time: float
@@ -160,7 +162,7 @@ class Orbit:
         return f"{self.radius:g} m {self.direction.value}"
 
     def words(self, *then: float) -> str:
-        """For people. then: radii of the circles flown after it, m."""
+        """Return a human-readable description. then: radii of the circles flown after it, m."""
         radii = " then ".join(f"{radius:g} m" for radius in (self.radius, *then))
         return f"{radii} {self.direction.value} at {self.speed:g} m/s"
 
@@ -171,12 +173,12 @@ class Orbit:
 
 
 class TurnCommand(NamedTuple):
-    """A law's answer after the vehicle's limit.
+    """Output of a law, limited to the vehicle's turn rate.
 
-    turn_rate: what to command, rad/s. demanded: what the law wants it to turn at; the two differ by the vehicle's
-    turn-rate gain. saturated: whether the limit cut it. flies, why: which of several laws it is and the reason, for
-    people; empty where there is only one. offset: by how much it steers outside of the circle here, m,
-    where the vehicle cannot turn as the circle asks.
+    turn_rate: to command, rad/s. demanded: turn rate that the law demands, rad/s; without a limit they differ by the
+    vehicle's turn-rate gain. saturated: True if it was limited. flies, why: active law and human-readable reason; empty
+    if there is only one law. offset: distance of the planned path outside the circle here, m; not 0 if the vehicle
+    cannot turn as fast as the circle requires.
     """
 
     turn_rate: TurnRate

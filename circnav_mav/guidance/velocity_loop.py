@@ -1,11 +1,11 @@
-"""How a multicopter's velocity follows its nose, where its autopilot holds it by a velocity loop against drag.
+"""Model of a multicopter's velocity under its autopilot's velocity loop, with drag.
 
     v' = a - c v,   a + TILT a' = P (u - v) + q + f - D v',   q' = I (u - v),   u = V (cos psi, sin psi)
 
-Without the fed acceleration f a turning copter flies slower than it is told and crabs: with PX4's gains and a drag of
-1/s at 5 m/s and .1 rad/s by 9 % and 11 deg, and changes of its course follow the nose two seconds late. With
-f = (1 + D) u' + c u the velocity follows u as the tilt does. The drag c is learnt from the tilt: the thrust's
-horizontal part less the acceleration is what the air takes.
+Without the acceleration feedforward f a turning copter flies slower than commanded and crabs: by 9 % and 11 deg with
+PX4's gains and a drag of 1/s at 5 m/s and 0.1 rad/s. Its course follows the nose 2 s late. With f = (1 + D) u' + c u
+the velocity follows u as fast as the tilt. The drag c is learned from the tilt: the horizontal thrust minus
+the acceleration is the drag force.
 Source: PX4 PositionControl (MPC_XY_VEL_P_ACC, _I_ACC, _D_ACC); compared with PX4's own flights in simulation.
 """
 
@@ -17,21 +17,21 @@ from typing import NamedTuple
 from circnav_mav.guidance.types import OwnMotion
 
 LONGEST_STEP = 0.5
-"""Gap between two reports, s, after which the velocity begins anew along the nose."""
+"""Gap between two reports, s, after which the velocity restarts along the nose."""
 STEP = 0.02
 """Step of the integration, s: a tenth of the loop's quickest time constant."""
 MEMORY = 60.0
-"""Time constant of the drag's least squares, s: more than a lap tells wind from drag."""
+"""Time constant of the drag's least squares, s: more than a lap, to separate wind from drag."""
 FIRST_DRAG, PRIOR = 0.3, 10.0
-"""Drag before the flight tells, 1/s (a bare quadrotor), and its weight, m^2/s."""
+"""Prior of the drag, 1/s (a bare quadrotor), and its weight, m^2/s."""
 MOST_DRAG = 2.0
 """Bound of the learned drag, 1/s: seven times a bare quadrotor's; chosen."""
 MOST_FED = 5.0
-"""Acceleration along the nose, m/s^2, that is fed against drag at most: 27 deg of tilt."""
+"""Bound of the feedforward against drag, m/s^2: 27 deg of tilt."""
 TILT = 0.25
-"""Time constant, s, in which the thrust leans as the loop asks, as flown."""
+"""Time constant of the tilt, s, as flown."""
 SLOW = 0.3
-"""Share of the speed below which a velocity has no direction."""
+"""Share of the airspeed below which the direction of the velocity is not used."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,15 +43,17 @@ class VelocityLoop:
     derivative: float
 
     def fed(self, speed: float, turn_rate: float, drag: float) -> tuple[float, float]:
-        """The acceleration, m/s^2, along the nose and to the side of the turn that the velocity needs to stay along the
-        nose at a speed (m/s), turn rate (rad/s) and drag (1/s)."""
+        """Return the acceleration feedforward (m/s^2), forward and to the left, that keeps the velocity along the nose.
+
+        speed: m/s. turn_rate: rad/s. drag: 1/s.
+        """
         return min(drag * speed, MOST_FED), (1 + self.derivative) * speed * turn_rate
 
 
 class CopterMotion(NamedTuple):
-    """What is known of the motion after a report, east and north as a complex number. v: velocity, m/s; a: what the
-    leaning thrust pushes, m/s^2; q: the loop's integrator, m/s^2; drag: 1/s. sums: of the drag's least squares (time,
-    v, a, v v, v a)."""
+    """Estimated motion after a report, east and north as a complex number. v: velocity, m/s. a: acceleration by the
+    tilt, m/s^2. q: the loop's integrator, m/s^2. drag: 1/s. sums: of the drag's least squares, of (time, v, a,
+    v v, v a)."""
 
     time: float | None = None
     v: complex = 0j
@@ -61,9 +63,9 @@ class CopterMotion(NamedTuple):
     sums: tuple[complex, ...] = (0.0,) * 5
 
     def follow(self, own: OwnMotion, loop: VelocityLoop) -> tuple["CopterMotion", OwnMotion]:
-        """Take in a report; answers with the motion that the vehicle really has: course, course rate and speed in the
-        place of heading, turn rate and the speed that it is told."""
-        if self.time is None:  # from rest: a copter is handed over hovering, and how it gets to speed tells its drag
+        """Return the state after a report, and the actual motion: course, course rate and speed instead of heading,
+        turn rate and commanded speed."""
+        if self.time is None:  # start at rest: a copter is handed over hovering, and how it accelerates shows the drag
             return self._replace(time=own.time), self._as_motion(own, 0.0)
         step = own.time - self.time
         if step <= 0:
@@ -86,11 +88,11 @@ class CopterMotion(NamedTuple):
         return learnt, learnt._as_motion(own, remainder(phase(v) - phase(self.v), 2 * pi) / step)
 
     def stand(self) -> "CopterMotion":
-        """Not ours to fly: only what was learnt stays."""
+        """Return the state at rest with the learned drag, for a copter that is not controlled from here."""
         return CopterMotion(drag=self.drag, sums=self.sums)
 
     def _learn(self, own: OwnMotion, acceleration: complex, step: float) -> "CopterMotion":
-        """Least squares of what the tilt pushes beyond the acceleration on the velocity, with the wind as intercept."""
+        """Fit push minus acceleration to the velocity by least squares. The intercept is the wind."""
         if own.push is None:
             return self
         push, keep = complex(*own.push) - acceleration, exp(-step / MEMORY)
@@ -108,5 +110,5 @@ class CopterMotion(NamedTuple):
 
 
 def _dot(a: complex, b: complex) -> float:
-    """The scalar product of two vectors."""
+    """Return the scalar product of two vectors."""
     return a.real * b.real + a.imag * b.imag

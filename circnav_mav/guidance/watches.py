@@ -1,5 +1,4 @@
-"""What goes on over a flight beside the law: a slow integral that holds the mean radius, the mission's bounds, and a
-drift that the circle does not allow."""
+"""Monitors beside the law: slow integral on the mean radius, mission bounds, and alarm for too strong a drift."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -8,15 +7,15 @@ from circnav_mav.guidance.laws import tolerated_drift
 from circnav_mav.guidance.types import Orbit, RangeEstimate
 
 TRIM_NEAR = 0.2
-"""The radius trim grows only within this fraction of the radius, where the law is linear, and while nothing saturates;
-farther off it only unwinds, for what it holds may be what keeps the vehicle there."""
+"""Radius error, as a fraction of the radius, up to which the trim grows: there the law is linear. At larger errors the
+trim only shrinks, because the trim itself may be the cause of the error."""
 MOST_TRIM = 0.15
 """Bound of the trim, as a fraction of the radius."""
 CLOSES = 0.4
-"""Time in units of r_d/V in which an approach closes an error: of one that shrinks so fast nothing is counted. Counted
-whole, the approach left 3.6 m of trim, and a metre of radius for half a minute (150 m, 22 m/s)."""
+"""Closing time of an approach in units of r_d/V: an error that shrinks this fast is not integrated. With full
+integration, the approach left 3.6 m of trim, and 1 m of radius error for 30 s (150 m, 22 m/s)."""
 PERSISTS = 3.0
-"""Time, s, for which the drift must be too strong before the alarm is raised: the estimate follows single gusts."""
+"""Time, s, for which the drift must be too strong to raise the alarm: the estimate follows single gusts."""
 ALLOWED_AGAIN = 0.9
 """Share of the allowed drift below which the alarm ends."""
 
@@ -24,17 +23,20 @@ ALLOWED_AGAIN = 0.9
 def next_trim(
     trim: float, *, rate: float, r: float, change: float, r_d: float, V: float, step: float, saturated: bool
 ) -> float:
-    """The trim (m), added to the radius that the law is fed, after `step` seconds to range r (m) in which it changed by
-    `change` (m), growing with `rate` (1/s) against the error that does not close by itself. It goes by
-    the change of the range: a lasting error of the estimated range rate would become one of the radius.
+    """Return the radius trim (m), which is added to the radius that the law is fed.
 
-    A law's radius rests on V and on the turn rate being what they are told to be; a vehicle whose true airspeed is 6 %
-    above the indicated one flies 2 m outside a circle of 150 m.
+    trim: before. rate: of the integral, 1/s. r: range, m. change: of the range during the step, m. step: s. The trim
+    integrates against errors that do not close by themselves. It uses the change of the range, because a lasting error
+    of the estimated range rate would become a radius error.
+
+    Laws assume that speed and turn rate are as commanded. A vehicle with a true airspeed 6 % above the indicated one
+    flies 2 m outside a circle of 150 m.
     """
     after = trim - rate * ((r - r_d) * step + CLOSES * r_d / V * change)
     if saturated:
         return trim
     if abs(r - r_d) > TRIM_NEAR * r_d:
+        # Far from the circle the trim may only shrink, and not change its sign.
         unwound = after if trim * after > 0 else 0.0
         return unwound if abs(unwound) < abs(trim) else trim
     return min(max(after, -MOST_TRIM * r_d), MOST_TRIM * r_d)
@@ -42,7 +44,7 @@ def next_trim(
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """None: no such bound. Ranges in m, altitudes in m above sea level, battery in percent."""
+    """Bounds of the mission, or None. Ranges in m, altitudes in m above sea level, battery in percent."""
 
     closest: float | None = None
     farthest: float | None = None
@@ -52,7 +54,7 @@ class Bounds:
 
 
 def breach(bounds: Bounds, *, r: float | None, altitude: float | None, battery: float | None) -> str | None:
-    """What bound is broken, in words; what is not known breaks none."""
+    """Return a description of the first violated bound, or None. Unknown values (None) violate no bound."""
     limits = (
         (r, bounds.closest, -1, "range {:.1f} m is nearer than {:.1f} m"),
         (r, bounds.farthest, 1, "range {:.1f} m is farther than {:.1f} m"),
@@ -67,8 +69,8 @@ def breach(bounds: Bounds, *, r: float | None, altitude: float | None, battery: 
 
 
 class DriftAlarm(NamedTuple):
-    """Whether the drift (wind less target motion) is more than the circle allows. on: whether it is raised. since: when
-    the drift became too strong, s; None while it is not. drift: as estimated last, m/s. allowed: the most in which the
+    """Alarm for a drift (wind minus target motion) in which the circle cannot be held. on: True while raised. since:
+    time when the drift became too strong, s, or None. drift: newest estimate, m/s. allowed: largest drift in which the
     circle can be held, m/s."""
 
     on: bool = False
@@ -78,8 +80,8 @@ class DriftAlarm(NamedTuple):
 
 
 def watch_drift(alarm: DriftAlarm, estimate: RangeEstimate | None, orbit: Orbit, most_turn: float) -> DriftAlarm:
-    """The alarm after an estimate; unchanged by one that does not know the drift. most_turn: turn rate that the vehicle
-    reaches, as learnt, rad/s."""
+    """Return the alarm after an estimate; unchanged if the drift is not trusted. most_turn: learned turn rate that the
+    vehicle reaches, rad/s."""
     motion = estimate.relative if estimate is not None else None
     if estimate is None or motion is None or not motion.trusted:
         return alarm

@@ -1,4 +1,4 @@
-"""White noise of measured values, from second differences, in which motion hardly shows.
+"""White noise of measured values, from second differences, which motion hardly affects.
 
 Of three values the middle one differs from the line through its neighbors by a residual. It is scaled so that white
 noise of standard deviation sigma gives residuals of sigma. An outlier spoils three residuals: a quantile of many
@@ -13,15 +13,15 @@ import numpy as np
 from circnav_mav.guidance.maths import Array, Batch, Flag, Pair, magnitude, sqrt
 
 EVEN = 0.19
-"""Share by which equal time steps may differ. Lost samples make no such ratio, which rounding could decide."""
+"""Largest relative difference of equal time steps. Ratios after lost samples are far from this bound."""
 FAR, BULK = 5.0, 3.5
-"""Residuals beyond, in standard deviations, are outliers: by the median of all, then by the median of the rest."""
+"""Bounds for outliers, in standard deviations: by the median of all residuals, then by the median of the rest."""
 MAD = 1.4826
-"""Standard deviation over median magnitude of normal noise."""
+"""Ratio of standard deviation to median magnitude of normal noise."""
 FIRST = np.zeros(1, int)
 """Index of the one flight of a scalar."""
 Moment = Pair
-"""(time, value) of one flight, or arrays (2, B) of many."""
+"""(time, value) of one flight, or arrays (2, B) for many flights."""
 
 
 def is_even(before: Moment, middle: Moment, after: Moment) -> Flag:
@@ -33,7 +33,7 @@ def is_even(before: Moment, middle: Moment, after: Moment) -> Flag:
 def residual(before: Moment, middle: Moment, after: Moment) -> Array:
     """Return the scaled difference of the middle value from the line through its neighbors, in the unit of the values.
 
-    An acceleration a over steps h makes a h^2/sqrt(6) of it.
+    An acceleration a over steps h contributes a h^2/sqrt(6).
     """
     share = (middle[0] - before[0]) / (after[0] - before[0])
     line = before[1] + share * (after[1] - before[1])
@@ -57,7 +57,7 @@ def bulk_sigma(residuals: Sequence[float]) -> float:
 
 
 class WhiteNoise:
-    """Newest residuals of B flights. count (B,): residuals so far."""
+    """Newest residuals of B flights. count (B,): number of residuals so far."""
 
     def __init__(self, kept: int, share: float, flights: int = 1) -> None:
         """kept: residuals of each flight. share: the quantile of them that is used."""
@@ -66,7 +66,7 @@ class WhiteNoise:
         self.count = np.zeros(flights, int)
 
     def add(self, residuals: Array, at: Batch = FIRST) -> None:
-        """Take in a residual of each of the flights `at` (n,)."""
+        """Add one residual for each of the flights `at` (n,)."""
         self._sizes[self.count[at] % len(self._sizes), at] = abs(residuals)
         self.count[at] += 1
 
