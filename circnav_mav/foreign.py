@@ -1,5 +1,4 @@
-"""The one way in for files and texts that come from outside: files are regular and their reads bounded, texts are
-printable."""
+"""Reading of external files and texts. Only regular files are opened, reads are bounded, and texts are printable."""
 
 import errno
 import io
@@ -17,16 +16,16 @@ MAX_LINE = 100_000
 
 
 def printable(text: str) -> str:
-    """Return a text as one line without anything that a terminal or a browser would obey: escape codes, line ends and
-    lone surrogates appear as Python writes them."""
+    """Return a text as one line. Escape codes, line ends and lone surrogates, which a terminal or browser could act on,
+    are written as Python escapes."""
     if text.isprintable():
         return text
     return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
 
 
 def open_file(path: Path) -> BinaryIO:
-    """Open a regular file. Reading anything else may never end: a pipe waits for a writer, /dev/zero gives bytes for
-    ever. Raises OSError."""
+    """Open a regular file. Reading anything else may never end: a pipe waits for a writer, /dev/zero has no end. Raises
+    OSError."""
     mode = os.stat(path).st_mode
     if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):  # opening a folder fails by itself
         raise OSError(errno.EINVAL, "is not a regular file", str(path))
