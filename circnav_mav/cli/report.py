@@ -39,7 +39,7 @@ def report_run(folder: str, after_flight: bool) -> int:
         if run.damage_text is not None:
             say(f"  WARNING    {run.damage_text}")
         _picture(run, mission)
-        _page(run, mission)  # it holds the picture
+        _page(run, mission)  # after the picture, which it contains
         say(f"{run.folder / 'report.html'}\n{run.folder / 'flight.png'}")
     return Exit.DONE
 

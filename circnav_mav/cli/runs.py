@@ -15,7 +15,7 @@ from circnav_mav.runtime.lock import is_held
 
 HOURS = {"h": 1, "d": 24, "w": 168}
 NEEDED = frozenset({"flight.tlog", "mission.toml", "ticks.csv", "turns.csv"})
-"""Files that each run folder holds from its begin."""
+"""Files that each run folder holds from its start."""
 MADE = NEEDED | {"manifest.json", "summary.json", "error.txt", "flight.png", "estimates.png", "report.html",
                  "replay.png"}  # fmt: skip
 """All files that the core writes into a run folder."""

@@ -181,7 +181,7 @@ def _way(track: Track) -> dict[str, Any]:
     name, colour = ("true", "true") if track.true else ("estimated", "estimate")
     points = len(track.time)
     keep = np.unique(np.linspace(0, points - 1, min(points, 2 * STRETCHES)).astype(int))
-    keep = np.union1d(keep, np.flatnonzero(~np.isfinite(track.east)))  # gaps stay gaps
+    keep = np.union1d(keep, np.flatnonzero(~np.isfinite(track.east)))  # keep the gaps
     times, easts = _plain(track.time[keep], track.east[keep])
     _, norths = _plain(track.time[keep], track.north[keep])
     return {"name": name, "colour": colour, "times": times, "east": easts, "north": norths}

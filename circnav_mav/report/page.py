@@ -17,7 +17,7 @@ from circnav_mav.runlog.events import Event, events
 from circnav_mav.runlog.run_folder import Run
 
 MOST_EVENTS = 60
-"""Events listed on the page. Of more, half from the begin and half from the end. Chosen."""
+"""Events listed on the page. Of more, the first and the last half. Chosen."""
 LABEL = 13
 """Width of the labels of a verdict, characters."""
 OUTCOMES = {"COMPLETED": "good", "INTERRUPTED": "warn"}
@@ -45,7 +45,7 @@ def write_report(
         "COLOUR": OUTCOMES.get(outcome.partition(":")[0], "bad"),
         "VERDICT": "".join(map(_figure, figures.splitlines())),
         "TRACK": escape(_track_words(run), quote=False),
-        "PICTURE": picture(run.folder / "flight.png", "the flight"),  # for a reader without script
+        "PICTURE": picture(run.folder / "flight.png", "the flight"),  # for browsers without script
         "DATA": as_script(data | {"alarms": alarms(happened)}),
         "ADDED": added,
         "EVENTS": _events(happened, names),

@@ -88,7 +88,7 @@ def _track(axis: Any, track: Track, radii: list[float]) -> None:
     for at, radius in enumerate(radii):
         circle = radius * np.cos(angle), radius * np.sin(angle)
         label_once = None if at else "desired"
-        axis.plot(*circle, "--", color=DESIRED, lw=1.5, label=label_once, zorder=3)  # on the track, not under it
+        axis.plot(*circle, "--", color=DESIRED, lw=1.5, label=label_once, zorder=3)  # above the track
     axis.plot(track.east, track.north, color=colour, lw=1.0, label=label)
     east, north = track.east[track.known], track.north[track.known]
     begins = {"mfc": "red", "label": "start"} if track.true else {"mfc": "none", "label": "first believed"}

@@ -107,7 +107,7 @@ def _problem(problem: str | None, ticks: Ticks, truth: Truth | None, end: float)
 
 
 def _circles(ticks: Ticks, known: NDArray[np.bool_], first: float, start: float) -> list[dict[str, Any]]:
-    """Return the figures of each circle that was begun, in order, each from its begin to that of the next."""
+    """Return the figures of each circle that was begun, in order, each from its start to that of the next."""
     desired, at = ticks.desired(first), np.flatnonzero(known)
     circles: list[dict[str, Any]] = []
     for part in np.split(at, np.flatnonzero(np.diff(desired[at])) + 1):

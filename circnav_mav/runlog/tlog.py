@@ -22,7 +22,7 @@ CHUNK = 1 << 20
 LATEST = 14
 """Largest second byte of a timestamp, whose first byte is 0: a time before 2105."""
 RECORD = re.compile(rb"\x00[\x00-\x0e].{6}[\xfd\xfe]", re.DOTALL)
-"""Begin of a record: a plausible timestamp and a magic byte."""
+"""Start of a record: a plausible timestamp and a magic byte."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +104,7 @@ def _records(path: Path) -> Iterator[tuple[int, int, bytes]]:
                 return
             if searching:
                 found = RECORD.search(data, at)
-                start = found.start() if found else max(at, len(data) - STAMP)  # keep what may be the begin of a stamp
+                start = found.start() if found else max(at, len(data) - STAMP)  # keep a possible partial timestamp
                 if start > at:
                     at = start
                     continue

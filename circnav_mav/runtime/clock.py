@@ -32,10 +32,10 @@ class Clock:
         """Seconds of this clock per real second."""
         self._start = steady()
         self.epoch_us = time.time_ns() // 1000
-        """Wall-clock time of second 0, for log stamps only."""
+        """Unix time of second 0, us. For timestamps of logs only."""
 
     def now(self) -> float:
-        """Seconds since the start of the run."""
+        """Return the seconds since the start of the run."""
         return round((steady() - self._start) * self.speed * 1e6) / 1e6
 
     def until(self, moment: float) -> float:
@@ -66,7 +66,7 @@ class AutopilotClock(Clock):
         self._measured = False
 
     def now(self) -> float:
-        """Seconds since the start of the run."""
+        """Return the seconds since the start of the run."""
         local = steady() - self._start
         self._now += self.speed * (local - self._local)
         self._local = local

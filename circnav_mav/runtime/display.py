@@ -36,7 +36,7 @@ class PlainScreen:
         self._newest: dict[str, str] = {}
 
     def draw(self, status: Status) -> None:
-        """Print the lines."""
+        """Print the lines of a status."""
         # After the end, handing back may last long. It prints no more status lines, only new facts.
         ended, self._ended = self._ended, status.tick.phase is Phase.ENDED
         if not (ended and self._ended):
@@ -72,7 +72,7 @@ class LiveScreen:
         self._live = Live(console=console, auto_refresh=False)
 
     def draw(self, status: Status) -> None:
-        """Draw the picture."""
+        """Draw the picture of a status."""
         if not self._live.is_started:
             self._live.start()
         self._live.update(self._picture.draw(status, self._live.console.width), refresh=True)

@@ -1,4 +1,4 @@
-"""The signing key and its timestamp on disk."""
+"""Signing key and its timestamp on disk."""
 
 import os
 from codecs import BOM_UTF8

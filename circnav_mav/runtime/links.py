@@ -45,13 +45,13 @@ CONNECT_PATIENCE = 5.0
 
 
 class Link(Protocol):
-    """One open endpoint."""
+    """Open endpoint."""
 
     troubles: Counter[str]
     """Count of each error message since the link was opened."""
 
     def fileno(self) -> int | None:
-        """File descriptor to wait on, None while there is none."""
+        """Return the file descriptor to wait on, or None while closed."""
 
     def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
         """Return the received data, each item with its source."""
@@ -168,8 +168,8 @@ def _ip(host: str) -> Any:
 
 def _same(peer: Any, source: Any) -> bool:
     """True if both are the same address."""
-    # This computer replies from 127.0.0.1 if a client sent to 0.0.0.0, or to the own host name, which many systems
-    # resolve to 127.0.1.1.
+    # This computer replies from 127.0.0.1 if a client sent to 0.0.0.0 or to its host name, which many systems resolve
+    # to 127.0.1.1.
     return bool(peer[1] == source[1]) and (peer[0] == source[0] or (_is_here(peer[0]) and _is_here(source[0])))
 
 
@@ -225,7 +225,7 @@ class StreamLink:
 
 def _open_tcp(endpoint: Endpoint) -> StreamLink:
     """Connect to a TCP server (SITL: port 5760). Raises OSError, UnicodeError."""
-    family, address = resolve(endpoint)  # once: a lookup may block or fail
+    family, address = resolve(endpoint)  # resolve only once: a lookup may block or fail
     connection = socket.socket(family, socket.SOCK_STREAM)
     connection.settimeout(CONNECT_PATIENCE)
     try:
@@ -267,7 +267,7 @@ def _received(connection: socket.socket) -> bytes:
 
 
 def _open_serial(endpoint: Endpoint) -> StreamLink:
-    """A serial line through pyserial. Raises LOST, ImportError."""
+    """Open a serial line with pyserial. Raises LOST, ImportError."""
     from serial import Serial  # another package named `serial` lacks this class
 
     def open_port() -> Any:

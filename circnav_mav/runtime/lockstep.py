@@ -16,7 +16,7 @@ SOURCE = "sim"
 ON_TIME = 1e-3
 """Run time, s, by which a wait may end early and still count as complete."""
 MOST_LATE = 0.5
-"""Longest delay that a paced run catches up, real s. A longer one, such as a night asleep, is skipped."""
+"""Longest delay that a paced run catches up, real s. The rest of a longer one is skipped."""
 
 
 class Vehicle(Protocol):
@@ -54,7 +54,7 @@ class Lockstep(Clock):
         return {ours: VehicleLink(self._vehicle, theirs) for ours, theirs in names.items()}
 
     def now(self) -> float:
-        """Simulated seconds since the start of the run."""
+        """Return the simulated seconds since the start of the run."""
         return self._now
 
     real = now

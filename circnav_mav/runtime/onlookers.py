@@ -42,7 +42,7 @@ class Onlooker:
         return ()
 
     def circle_requests(self, now: float) -> Sequence[CircleRequest]:
-        """Return requests for another circle, for a fleet that spaces itself."""
+        """Return requests for another circle, as a fleet needs for its spacing."""
         return ()
 
     def facts(self, now: float) -> Mapping[str, str]:
@@ -54,14 +54,14 @@ class Onlooker:
         return {}
 
     def finish(self, summary: dict[str, Any]) -> Mapping[str, str]:
-        """Add to the summary, lines of the verdict to summary["notes"]. Return files for the run folder, by name."""
+        """Add keys to the summary, and verdict lines to summary["notes"]. Return files for the run folder, by name."""
         return {}
 
     def show_verdict(self, verdict: str) -> None:
-        """Show the verdict: the flight is over and recorded."""
+        """Show the verdict. Called after the flight is recorded."""
 
     def close(self) -> None:
-        """Release what was opened."""
+        """Release all resources."""
 
 
 @dataclass(frozen=True, slots=True)
