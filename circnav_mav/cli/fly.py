@@ -36,7 +36,8 @@ EXITS = {
     Ending.INTERRUPTED: Exit.INTERRUPTED,
 }
 MOST_WATCHED = 10.0
-"""Simulation speed, times real time, above which the display is refreshed no more often."""
+"""Simulation speed, times real time, up to which the refresh rate of the display is constant. Above it, the
+interval is constant in run time."""
 RECORDED = ("flight.tlog", "turns.csv", "ticks.csv", "summary.json", "manifest.json")
 """Files by which a folder is recognized as a recorded flight."""
 
