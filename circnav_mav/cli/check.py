@@ -27,7 +27,7 @@ FLIES = {
 }
 """Autopilot and vehicle kind that each profile emulates."""
 SPEED_OFF = 0.05
-"""Largest relative difference between the bundled plane's cruise speed and the mission's."""
+"""Largest difference of the bundled plane's cruise speed from the mission's, as a fraction of it."""
 
 
 def read_mission(path: str, overrides: tuple[str, ...]) -> Mission:

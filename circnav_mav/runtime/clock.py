@@ -10,7 +10,7 @@ wrap."""
 SPAN, SHORTEST_SPAN = 2.0, 0.25
 """Real time, s, over which the autopilot's clock speed is measured, and the minimum of it."""
 SLOWEST, FASTEST = 0.01, 1000.0
-"""Bounds of the autopilot's clock speed, times real time. Beyond them a timestamp is wrong. Chosen."""
+"""Bounds of the autopilot's clock speed, as a ratio to real time. Beyond them a timestamp is wrong. Chosen."""
 _THROUGH_SLEEP: int | None = getattr(time, "CLOCK_BOOTTIME", None)
 
 

@@ -19,7 +19,7 @@ from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.recorder import Recorder
 
 LONGEST_STEP = 0.5
-"""Duration of a step, real s, after which it sends nothing more: the process was stopped meanwhile, and the operator
+"""Real duration of a step, s, after which it sends nothing more: the process was stopped meanwhile, and the operator
 may have taken over. The pilot detects a stall between two steps."""
 
 
