@@ -1,7 +1,7 @@
-"""The seam at which an extra attaches to the core.
+"""Interface by which an extra attaches to the core.
 
-The core flies without any extra and imports none of them. It looks for packages in `circnav_mav/extras` and reads the
-`EXTENSION` of each. Where a package is missing, its commands, mission tables and options are missing, too.
+The core flies without any extra and imports none of them. It reads the `EXTENSION` of each package in
+`circnav_mav/extras`. Without a package, its commands, mission tables and options do not exist.
 """
 
 import importlib
@@ -16,7 +16,7 @@ EXTRAS = "circnav_mav.extras"
 
 @dataclass(frozen=True)
 class Extension:
-    """The parts that one extra adds to the core. A value is a reference, `module:name`, imported when used.
+    """Parts that one extra adds to the core. Each value is a reference, `module:name`, imported when used.
 
     commands: click commands, by the names that are typed. "group member" adds a command to a group of another
         extension, if that is installed.
@@ -24,8 +24,8 @@ class Extension:
     checks: functions from a mission to the check lines of the extra's tables.
     preflight: functions from a mission to the check lines of preflight, which may listen for some seconds.
     fly_options, emulate_options: click options that `circnav fly` and `circnav emulate` get.
-    flies, emulates: functions that carry these commands out where an option of that name is given. They get all options
-        and return the exit code.
+    flies, emulates: functions that replace these commands if an option of that name is given. They get all options and
+        return the exit code.
     onlooker: function from an `OnlookerSettings` to an `Onlooker`, or to None if this flight does not need one.
     report_section: function from a run folder to HTML for its report, empty for nothing.
     schemas: pydantic models of other files, by the names that `circnav schema` takes.
@@ -50,7 +50,7 @@ class Extension:
 
 @cache
 def extensions() -> tuple[Extension, ...]:
-    """Return the extensions that are installed, in the order of their commands."""
+    """Return the installed extensions, sorted by `order`."""
     try:
         package = importlib.import_module(EXTRAS)
     except ModuleNotFoundError:
@@ -61,13 +61,13 @@ def extensions() -> tuple[Extension, ...]:
 
 
 def load(reference: str) -> Any:
-    """Return what a reference of an extension names."""
+    """Return the object that a reference of an extension names."""
     return resolve_name(reference)
 
 
 def carried_out_by(seam: str, options: Mapping[str, Any]) -> Any:
-    """Return the function of an extension that carries a command out instead, None if none does. seam: "flies" or
-    "emulates". options: of the command, by name."""
+    """Return the function of an extension that replaces a command, or None. seam: "flies" or "emulates". options: those
+    of the command, by name."""
     for extension in extensions():
         for name, reference in getattr(extension, seam).items():
             if options.get(name) is not None:
@@ -76,5 +76,5 @@ def carried_out_by(seam: str, options: Mapping[str, Any]) -> Any:
 
 
 def table_models() -> dict[str, Any]:
-    """Return the models of the mission tables that belong to extras, by name."""
+    """Return the models of the mission tables of extras, by name."""
     return {name: load(model) for extension in extensions() for name, model in extension.tables.items()}

@@ -35,11 +35,11 @@ ENDPOINT = click.option(
 )
 SPEED_HELP = "Bundled vehicle: N times real time, to watch it. [default: as fast as possible; with --web 6]"
 YEAR_2100 = 4_102_444_800
-"""Seconds since 1970; beyond, the stamps of a tlog are taken for damage."""
+"""Upper bound of the computer's clock, s since 1970. Later timestamps in a tlog would be read as damage."""
 
 
 class Commands(click.Group):
-    """Lists its commands in the order in which a newcomer needs them: those of this file, then those of extensions."""
+    """Command group that lists its commands in the order of use: those of this file, then those of extensions."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         added = (name for extension in extensions() for name in extension.commands if " " not in name)
@@ -92,7 +92,7 @@ command = partial(described, group=circnav)
 
 
 def _options_of_extensions(name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return a decorator that gives a command the options that extensions add to it. name: fly_options, for one."""
+    """Return a decorator that adds the options of extensions to a command. name: for example "fly_options"."""
 
     def add(function: Callable[..., None]) -> Callable[..., None]:
         for extension in extensions():
@@ -299,8 +299,8 @@ def completion(shell: str) -> int:
 
 def main() -> None:
     """Entry point of the `circnav` command."""
-    os.environ.pop("MPLBACKEND", None)  # of a notebook that started us: no picture of ours needs a window
-    warnings.filterwarnings("ignore", message="Glyph .* missing from")  # of names that no font of the pictures has
+    os.environ.pop("MPLBACKEND", None)  # set by a notebook that started us, but our plots need no window
+    warnings.filterwarnings("ignore", message="Glyph .* missing from")  # for names with characters that no font has
     mind_output()
     try:
         if not 0 < unix_time() < YEAR_2100:

@@ -1,4 +1,4 @@
-"""The mission and campaign files that come with circnav: they go by name, as in `circnav fly quickstart`."""
+"""Mission and campaign files bundled with circnav. Commands accept their names, as in `circnav fly quickstart`."""
 
 from difflib import get_close_matches
 from importlib.resources import files
@@ -15,25 +15,25 @@ FOLDERS = {"mission": CONFIG, "campaign": CONFIG / "campaigns"}
 
 
 def names(kind: str) -> list[str]:
-    """What is bundled, as people type it: ArduPilot's vehicles by their kind."""
+    """Return the names of the bundled files. Those of ArduPilot are named by vehicle kind, as in `plane`."""
     return sorted(path.stem.removeprefix("ardu").replace("_", "-") for path in FOLDERS[kind].glob("*.toml"))
 
 
 def bundled(kind: str, name: str) -> Path | None:
-    """The file of a name, None where there is none: `px4-plane`; `plane` is ArduPilot's."""
+    """Return the bundled file of a name, or None. Examples: `px4-plane`, or `plane` for ArduPilot."""
     wanted = name.lower().replace("-", "_")
     paths = (FOLDERS[kind] / f"{start}{wanted}.toml" for start in ("", "ardu"))
     return next(filter(Path.is_file, paths), None)
 
 
 class FileOrName(click.ParamType):  # type: ignore[type-arg]
-    """A file, or the name of a bundled one; a file of that name in the current folder comes first."""
+    """Parameter type: a file, or the name of a bundled one. A file of that name in the current folder has priority."""
 
     def __init__(self, kind: str) -> None:
         self.kind = self.name = kind
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """The path. Raises Refused for a word that is neither."""
+        """Return the path. Raises Refused if the value is neither a file nor a bundled name."""
         try:
             return self._file(value)
         except OSError as error:
@@ -53,10 +53,10 @@ class FileOrName(click.ParamType):  # type: ignore[type-arg]
         return value
 
     def get_missing_message(self, param: click.Parameter, ctx: click.Context | None) -> str:
-        """What the argument may be."""
+        """Return a description of valid values."""
         return f"A file, or the name of a bundled {self.kind}: {', '.join(names(self.kind))}."
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
-        """Files first: the shell's own list of them takes the place of what came before."""
+        """Return completions. Files come first, because the shell's list of files replaces earlier entries."""
         fits = [name for name in names(self.kind) if name.startswith(incomplete)]
         return [CompletionItem(incomplete, type="file"), *map(CompletionItem, fits)]

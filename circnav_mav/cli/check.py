@@ -1,4 +1,4 @@
-"""`circnav check`: the mission, and whether the bundled vehicle is the one that it means to fly."""
+"""`circnav check`: checks of the mission, and of the bundled vehicle against it."""
 
 from collections.abc import Collection, Iterator
 from math import cos, hypot, radians, sin
@@ -25,13 +25,13 @@ FLIES = {
     for (autopilot, kind), vehicle in AUTOPILOTS.items()
     for profile in vehicle.bundled
 }
-"""Autopilot and kind that each profile imitates."""
+"""Autopilot and vehicle kind that each profile emulates."""
 SPEED_OFF = 0.05
-"""Fraction by which a plane's own cruise speed may differ from the mission's."""
+"""Largest difference of the bundled plane's cruise speed from the mission's, as a fraction of it."""
 
 
 def read_mission(path: str, overrides: tuple[str, ...]) -> Mission:
-    """A mission file with its endpoints, its [sim] table and its signing key checked too. Raises Refused."""
+    """Load a mission file. Also check its endpoints, [sim] table and signing key. Raises Refused."""
     try:
         mission = load_mission(path, overrides)
         link, ranging = mission.file.link.endpoint, mission.file.ranging.endpoint
@@ -53,7 +53,7 @@ def read_mission(path: str, overrides: tuple[str, ...]) -> Mission:
 
 
 def all_checks(mission: Mission) -> list[Check]:
-    """The lines of the mission, and of its bundled vehicle if it flies that."""
+    """Return the check lines of the mission, and of the bundled vehicle if the mission flies it."""
     lines = check_mission(mission)
     if mission.flies_sim and mission.file.sim is not None:
         misfits = _misfits(mission, parse_vehicle(mission.file.sim, "sim"))
@@ -62,7 +62,7 @@ def all_checks(mission: Mission) -> list[Check]:
 
 
 def refuse_failing(path: str, mission: Mission, shown: Collection[Grade] = tuple(Grade)) -> None:
-    """Print the lines of these grades; or all, where one of them fails. Raises Refused."""
+    """Print the check lines of these grades, or all lines if one fails. Raises Refused if one fails."""
     lines = all_checks(mission)
     failed = any(line.grade is Grade.FAIL for line in lines)
     show_checks([line for line in lines if failed or line.grade in shown])
@@ -71,28 +71,28 @@ def refuse_failing(path: str, mission: Mission, shown: Collection[Grade] = tuple
 
 
 def check_file(path: str, overrides: tuple[str, ...]) -> int:
-    """Print every line; fail if one of them does."""
+    """Print all check lines. Return the exit code, USAGE if one fails."""
     lines = all_checks(read_mission(path, overrides))
     show_checks(lines)
     return Exit.USAGE if show_counts(path, lines) else Exit.DONE
 
 
 def show_counts(path: str, lines: list[Check]) -> int:
-    """Print how many lines passed, warn and fail; answers with the last."""
+    """Print the number of lines per grade. Return the number that fail."""
     counts = {grade: sum(line.grade is grade for line in lines) for grade in Grade}
     say(f"{path}: " + ", ".join(f"{count} {grade.value}" for grade, count in counts.items()))
     return counts[Grade.FAIL]
 
 
 def show_checks(lines: list[Check]) -> None:
-    """Print check lines, the grade in its colour."""
+    """Print check lines with colored grades."""
     for line in lines:
         grade = click.style(f"{line.grade.value:<4}", fg=COLOURS[line.grade], bold=line.grade is not Grade.PASS)
         say(f"  {line.subject:<11} {line.says}", styled=grade)
 
 
 def _misfits(mission: Mission, config: VehicleConfig) -> Iterator[tuple[Grade, str]]:
-    """What of the [sim] table does not fit the mission."""
+    """Yield what in the [sim] table does not fit the mission, with its grade."""
     wanted, profile = mission.file.vehicle, config.vehicle.profile
     autopilot, kind = FLIES[profile]
     if kind != wanted.kind or wanted.autopilot not in ("auto", autopilot):
@@ -110,7 +110,8 @@ def _misfits(mission: Mission, config: VehicleConfig) -> Iterator[tuple[Grade, s
 
 
 def _drift(config: VehicleConfig, *, in_air: bool) -> float:
-    """Wind less target motion, m/s, at the start; a vehicle that holds its speed over the ground feels no wind."""
+    """Return the speed of wind minus target motion at the start, m/s. Wind is 0 for a vehicle that holds ground
+    speed."""
     wind = config.wind.speed_mps if in_air or config.vehicle.dynamics == "airborne" else 0.0
     towards = radians(config.wind.from_deg + 180.0)
     north = wind * cos(towards) - config.target.velocity_north_mps

@@ -1,4 +1,4 @@
-"""What is kept of a flight at its end. Nothing of it can be lost because something else cannot be made."""
+"""Files written at the end of a flight. If one cannot be written, the others still are."""
 
 import platform
 from collections.abc import Callable
@@ -20,14 +20,16 @@ from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.recorder import Recorder
 
 OUTCOMES = {Ending.COMPLETED: "completed", Ending.INTERRUPTED: "interrupted"}
-"""The outcome in summary.json; every other ending is "aborted"."""
+"""Outcome in summary.json. All other endings are "aborted"."""
 LIBRARIES = ("pymavlink", "numpy", "filterpy")
-"""What takes part in a flight, besides ourselves and Python."""
+"""Packages whose versions the manifest holds, besides circnav and Python."""
 
 
 def write_manifest(folder: Path, mission: Mission, pilot: Pilot, epoch_us: int, **end: object) -> None:
-    """manifest.json: what a run folder says of itself. Written before the first turn of the loop, so that a run whose
-    process was killed still opens, and again with its end: outcome, reason, exit. Raises OSError."""
+    """Write manifest.json, the description of a run folder. end: outcome, reason, exit. Raises OSError.
+
+    Written before the first step of the loop, so that the run of a killed process can be opened, and again at the end.
+    """
     versions: dict[str, str | None] = {"circnav": __version__, "python": platform.python_version()}
     for library in LIBRARIES:
         with suppress(PackageNotFoundError):
@@ -57,10 +59,11 @@ def close_flight(
     alarms: list[dict[str, float | str]],
     onlookers: Onlookers,
 ) -> tuple[dict[str, Any], Exit]:
-    """The summary, written as summary.json, and the rest of manifest.json, if the disk takes them; and the exit code: a
-    flight that went well is not done if it was not recorded, for whoever flew it for its record."""
+    """Write summary.json and the end of manifest.json. Return the summary and the exit code, which is NOT_RECORDED
+    instead of DONE if the recording has gaps."""
     folder = recorder.folder
-    gaps = recorder.problem is not None  # from here on it may also be that what was recorded is not understood
+    # Read this first: _summary adds problems of reading the files, which are no gaps.
+    gaps = recorder.problem is not None
     summary = _summary(pilot, recorder, mission, epoch_us)
     summary["notes"] = []
     summary["alarms"] = alarms
@@ -74,7 +77,7 @@ def close_flight(
 
 
 def _written(summary: dict[str, Any], name: str, write: Callable[[], None]) -> bool:
-    """Write a file; tells whether the disk took it. The first problem is kept: later ones follow from it."""
+    """Write a file. Return True on success, else store the first problem, which causes the later ones."""
     try:
         write()
     except OSError as error:
@@ -85,7 +88,7 @@ def _written(summary: dict[str, Any], name: str, write: Callable[[], None]) -> b
 
 
 def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, epoch_us: int) -> dict[str, Any]:
-    """The figures that can be worked out; the rest is unknown."""
+    """Return the summary, with null for figures that cannot be computed."""
     outcome = pilot.mission.outcome
     assert outcome is not None
     ticks, truth = _recorded(recorder, epoch_us, pilot.session.vehicle_ids[0] or None)
@@ -118,7 +121,7 @@ def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, epoch_us: int) 
 
 
 def _recorded(recorder: Recorder, epoch_us: int, system: int | None) -> tuple[Ticks, Truth | None]:
-    """Ticks and truth as far as they can be read: a disk that was full from the first line on leaves none."""
+    """Return ticks and truth as far as they can be read. A disk that was full from the first line leaves none."""
     ticks, truth = NO_TICKS, None
     try:
         ticks = read_ticks(recorder.folder)

@@ -1,4 +1,4 @@
-"""What `fly` and `preflight` open: links, key and clock of a mission, and the bundled vehicle at their other end."""
+"""Resources of `fly` and `preflight`: links, key and clock of a mission, and the bundled vehicle."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, closing
@@ -24,7 +24,7 @@ from circnav_mav.runtime.radio_link import open_radio
 
 
 def open_links(mission: Mission, open_things: ExitStack) -> dict[str, Link]:
-    """The mission's endpoints, opened; the bundled vehicle has none. Raises Refused."""
+    """Open the endpoints of a mission, except those of the bundled vehicle. Raises Refused."""
     endpoints = {VEHICLE: mission.file.link.endpoint, RANGING: mission.file.ranging.endpoint}
     links: dict[str, Link] = {}
     for name, endpoint in endpoints.items():
@@ -37,7 +37,7 @@ def open_links(mission: Mission, open_things: ExitStack) -> dict[str, Link]:
 
 
 def link_troubles(links: dict[str, Link], mission: Mission) -> Iterator[str]:
-    """What went wrong on the endpoints, a line for each."""
+    """Yield the errors of each endpoint as one line."""
     for name, link in links.items():
         endpoint = mission.file.ranging.endpoint if name == RANGING else mission.file.link.endpoint
         if link.troubles:
@@ -47,7 +47,7 @@ def link_troubles(links: dict[str, Link], mission: Mission) -> Iterator[str]:
 
 
 def open_signing(mission: Mission, open_things: ExitStack) -> tuple[Signing, SigningTime] | tuple[None, None]:
-    """The mission's key, and what keeps its time; nothing where it has none. Raises Refused."""
+    """Open the signing key of a mission and its timestamp file. (None, None) without signing. Raises Refused."""
     table = mission.file.signing
     if table is None:
         return None, None
@@ -62,7 +62,7 @@ def open_signing(mission: Mission, open_things: ExitStack) -> tuple[Signing, Sig
 def open_onlookers(
     mission: Mission, pilot: Pilot, signing: Signing | None, options: Mapping[str, Any], open_things: ExitStack
 ) -> Onlookers:
-    """Open what extensions attach to the flight. options: of `circnav fly`. Raises Refused."""
+    """Open the onlookers of extensions. options: those of `circnav fly`. Raises Refused."""
     onlookers = Onlookers()
     open_things.callback(onlookers.close)
     settings = OnlookerSettings(mission, pilot, signing, options, onlookers)
@@ -73,12 +73,13 @@ def open_onlookers(
 
 
 def start_clock(mission: Mission, session: Session, links: dict[str, Link], pace: float | None = None) -> Clock:
-    """Start the mission's clock: simulated time with the bundled vehicle, whose links join the others. pace: speed that
-    an onlooker asks for, times real time."""
+    """Start the clock of a mission: simulated time with the bundled vehicle, whose links are added to `links`. pace:
+    speed that an onlooker requests, times real time."""
     if mission.flies_sim and mission.file.sim is not None:
         vehicle = Vehicle(parse_vehicle(mission.file.sim, "sim"))
         clock = Lockstep(vehicle, mission.run_speed(pace), others=bool(links))
-        vehicle.set_time(clock.epoch_us / 1e6)  # once: simulated time would carry signatures, and our key's, far ahead
+        # Set once only: fast simulated time would move signature timestamps, and the stored one of our key, far ahead.
+        vehicle.set_time(clock.epoch_us / 1e6)
         links.update(clock.links(ranging_apart=mission.file.ranging.endpoint == SIM))
         return clock
     return AutopilotClock(lambda: session.vehicle.boot.newest) if mission.file.link.clock == "autopilot" else Clock()

@@ -1,5 +1,4 @@
-"""How commands are described: the parameter types that they share, and a decorator that imports what carries a command
-out only when it runs."""
+"""Definition of commands: shared parameter types, and a decorator that imports a command's code only when it runs."""
 
 import os
 from collections.abc import Callable
@@ -15,10 +14,10 @@ from circnav_mav.cli.exits import Refused
 
 
 class Finite(click.FloatRange):
-    """Neither nan nor inf, which are numbers for `float`."""
+    """Finite number: rejects nan and inf, which `float` accepts."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """The number."""
+        """Return the number."""
         number = float(super().convert(value, param, ctx))
         if not isfinite(number):
             self.fail(f"{value!r} is not a number.", param, ctx)
@@ -26,14 +25,14 @@ class Finite(click.FloatRange):
 
 
 class Folder(click.Path):
-    """Where to write."""
+    """Folder to write into."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the name of the folder. Raises Refused for a name that was hardly meant: an empty one, as of a
-        script's variable that was never set, the root, and a link behind which other files are."""
+        """Return the name of the folder. Raises Refused for a name that is probably a mistake: an empty one (an unset
+        variable of a script), the root of the disk, or a link to a folder that is not empty."""
         if value == "":
             raise Refused("--out: is empty, give it a name")
-        # A shell leaves `~` in `--out=~/run` as it is. A folder of that name invites `rm -r ~`.
+        # A shell does not expand `~` in `--out=~/run`. A folder named `~` would invite `rm -r ~`.
         value = os.path.expanduser(value)
         folder = Path(value)
         if folder.resolve() == Path(folder.resolve().anchor):
@@ -44,10 +43,10 @@ class Folder(click.Path):
 
 
 def command(does: str, group: click.Group | None = None, **words: Any) -> Callable[[Callable[[], None]], click.Command]:
-    """Return a decorator that makes a command with the name, the help and the options of a function.
+    """Return a decorator that creates a command from the name, docstring and options of a function.
 
-    does: `module:function`, imported when the command runs; it gets the options by name and returns the exit code.
-    group: the group that gets the command; None for one that an extension adds.
+    does: `module:function`, imported when the command runs. It gets the options by name and returns the exit code.
+    group: group of the command, None for a command of an extension.
     """
 
     def make(described: Callable[[], None]) -> click.Command:

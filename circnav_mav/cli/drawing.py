@@ -1,4 +1,4 @@
-"""The pictures and the report of a flight, drawn by a process beside it."""
+"""Plots and report of a flight, drawn by a separate process."""
 
 import os
 import subprocess
@@ -10,14 +10,16 @@ import circnav_mav
 
 
 class Drawing:
-    """flight.png and report.html of a run folder, made by a process of its own: what draws is never loaded into the
-    flight's, and a signal that comes now ends neither; the exit code stays the flight's. It starts at once, and draws
-    when it is told to; where the flight's process goes without a word, it goes, too."""
+    """Process that draws flight.png and report.html of a run folder.
+
+    The flight's process never loads the plotting packages, and a signal to it does not interrupt the drawing. The
+    process starts at once and draws on request. If the flight's process is killed, it exits too.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._process: subprocess.Popen[str] | None = None
-        with suppress(OSError):  # no room for one more process
+        with suppress(OSError):  # too little memory for another process
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-m", "circnav_mav", "report", "--after-flight", "--", str(folder)],
                 stdin=subprocess.PIPE,
@@ -29,7 +31,7 @@ class Drawing:
             )
 
     def draw(self) -> list[str]:
-        """Draw the flight, which is over; a line for each picture that could not be made."""
+        """Draw the finished flight. Return a line for each file that could not be made."""
         process, drawn, why = self._process, "", "no room for one more process"
         if process is not None:
             drawn, errors = process.communicate("over\n")

@@ -1,4 +1,4 @@
-"""`circnav emulate`: the bundled vehicle as a process of its own, in real time."""
+"""`circnav emulate`: the bundled vehicle as a separate process in real time."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from circnav_mav.extension import carried_out_by, extensions
 
 
 def run_emulator(endpoint: str, **options: Any) -> int:
-    """Run the vehicle here until SIGINT or SIGTERM. Raises Refused."""
+    """Run the bundled vehicle until SIGINT or SIGTERM. Raises Refused."""
     if (instead := carried_out_by("emulates", options)) is not None:
         return int(instead(endpoint=endpoint, **options))
     for name in (name for extension in extensions() for name in extension.emulates):

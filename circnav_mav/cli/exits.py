@@ -1,4 +1,4 @@
-"""Exit codes, the one way to refuse and to print, and what becomes of a line that cannot be printed."""
+"""Exit codes, refusals and printing, including output that cannot be written."""
 
 import io
 import signal
@@ -15,11 +15,11 @@ import click
 from circnav_mav.foreign import printable
 
 OUT_OF_MEMORY = ("failed to map segment", "can't start new thread", "cannot allocate memory")
-"""How libraries and threads that find no memory are reported."""
+"""Parts of error messages that mean out of memory."""
 
 
 class Exit(IntEnum):
-    """What the process tells its caller."""
+    """Exit codes of the process."""
 
     DONE = 0
     INTERNAL = 1
@@ -30,8 +30,8 @@ class Exit(IntEnum):
     INTERRUPTED = 130
 
 
-class Refused(Exception):  # noqa: N818 - a refusal is not our error
-    """The command cannot be carried out: one line for the person, and the exit code."""
+class Refused(Exception):  # noqa: N818 - a refusal is not a program error
+    """Refusal of a command: a one-line message for the user, and the exit code."""
 
     def __init__(self, text: str, exit: Exit = Exit.USAGE) -> None:
         super().__init__(text)
@@ -39,12 +39,12 @@ class Refused(Exception):  # noqa: N818 - a refusal is not our error
 
 
 def say(text: str, *, styled: str = "", err: bool = False) -> None:
-    """Print lines, whatever they contain. styled: a beginning of our own with colors. err: on standard error."""
+    """Print lines, with unprintable characters escaped. styled: prefix with colors. err: print to standard error."""
     click.echo(styled + "\n".join(map(printable, text.split("\n"))), err=err)
 
 
 def in_one_line(error: BaseException) -> str:
-    """Describe an exception that no command has foreseen: what the computer lacks, or where in the program it arose."""
+    """Describe an unexpected exception: the missing resource, or the error and its place in the program."""
     if isinstance(error, MemoryError) or any(words in str(error) for words in OUT_OF_MEMORY):
         return "out of memory"
     if isinstance(error, OSError):
@@ -55,11 +55,11 @@ def in_one_line(error: BaseException) -> str:
 
 @contextmanager
 def refusing(place: str | Path, *kinds: type[Exception]) -> Iterator[None]:
-    """Errors of these kinds in their own words, with the exit code of a vehicle or radio that is not there (`nobody`)
-    or of bad usage; and a file that cannot be read or written, named by the error or by `place`. A reader of our output
-    that went away (`| head`) is no file of ours: click ends the process quietly for it. Raises Refused."""
+    """Convert errors of these kinds, and any OSError, to Refused. The exit code is NOTHING_HEARD if the vehicle or
+    radio is not there (attribute `nobody`), else USAGE. place: name of the file if an OSError has none."""
     try:
         yield
+    # The reader of our output closed it, as `| head` does. Click ends the process quietly.
     except BrokenPipeError:
         raise
     except kinds as error:
@@ -70,8 +70,8 @@ def refusing(place: str | Path, *kinds: type[Exception]) -> Iterator[None]:
 
 
 def mind_output() -> None:
-    """From here on standard output that cannot be written, as on a full disk, is refused in one line wherever it
-    happens; what cannot be told on standard error is told nobody. A name that the output cannot show is escaped."""
+    """Make a failed write to standard output, such as on a full disk, raise Refused, and ignore one to standard error.
+    Characters that the output cannot encode are escaped."""
     sys.stdout, sys.stderr = _onto(_Refusing, sys.stdout), _onto(_Unheard, sys.stderr)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -79,14 +79,14 @@ def mind_output() -> None:
 
 
 def outlive_terminal() -> None:
-    """From here on a terminal that is closed, or an SSH session that drops, ends nothing: its signal is ignored, which
-    the processes that we start inherit, and what nobody can read any more is printed without complaint."""
+    """Keep running when the terminal closes or the SSH session drops: ignore SIGHUP, also in child processes, and
+    failed writes."""
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     sys.stdout, sys.stderr = _onto(_Unheard, sys.stdout), _onto(_Unheard, sys.stderr)
 
 
 class _Unheard(io.FileIO):
-    """A descriptor that takes whatever is written, also when it has nowhere to go."""
+    """Descriptor that ignores failed writes."""
 
     def write(self, data: Any, /) -> int:
         try:
@@ -96,13 +96,14 @@ class _Unheard(io.FileIO):
 
 
 class _Refusing(io.FileIO):
-    """A descriptor that says once whose fault it is when it cannot be written; `| head` that went away is nobody's."""
+    """Descriptor that raises Refused on the first failed write, and ignores later writes. BrokenPipeError is passed
+    on."""
 
     _told = False
 
     def write(self, data: Any, /) -> int:
         try:
-            return len(data) if self._told or not data else super().write(data)  # nothing at all is click's own trial
+            return len(data) if self._told or not data else super().write(data)  # click tests with an empty write
         except BrokenPipeError:
             raise
         except OSError as error:
@@ -111,7 +112,7 @@ class _Refusing(io.FileIO):
 
 
 def _onto(kind: type[io.FileIO], stream: TextIO) -> TextIO:
-    """The same stream, onto a descriptor of this kind; one that is no file stays as it is."""
+    """Return the stream on a descriptor of this class. A stream without a file is returned unchanged."""
     if not isinstance(stream, io.TextIOWrapper):
         return stream
     try:

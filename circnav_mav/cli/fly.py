@@ -1,4 +1,4 @@
-"""`circnav fly`: mission file in, circle out."""
+"""`circnav fly`: flies a mission file."""
 
 import traceback
 from collections.abc import Callable
@@ -36,17 +36,18 @@ EXITS = {
     Ending.INTERRUPTED: Exit.INTERRUPTED,
 }
 MOST_WATCHED = 10.0
-"""Times real time up to which what is shown comes as often as at real time; seen faster, it would only cost."""
+"""Simulation speed, times real time, up to which the refresh rate of the display is constant. Above it, the
+interval is constant in run time."""
 RECORDED = ("flight.tlog", "turns.csv", "ticks.csv", "summary.json", "manifest.json")
-"""What shows that a folder holds a flight."""
+"""Files by which a folder is recognized as a recorded flight."""
 
 
 def fly_mission(
     path: str, *, endpoint: str | None, overrides: tuple[str, ...], speed: float | None, duration: float | None,
     out: str | None, dry_run: bool, shadow: bool, **options: Any,
 ) -> int:  # fmt: skip
-    """Fly, and return the exit code: the command line of `fly`. options: of extensions. Raises Refused before anything
-    has flown."""
+    """Fly a mission with the options of `fly`, and return the exit code. options: those of extensions. Raises Refused
+    before the flight begins, or after a crash of the loop."""
     if (instead := carried_out_by("flies", options)) is not None:
         return int(
             instead(
@@ -55,7 +56,7 @@ def fly_mission(
             )
         )  # fmt: skip
     outlive_terminal()
-    stop = StopRequest()  # from here on a signal ends the flight, not the process
+    stop = StopRequest()  # from now on a signal ends the flight, not the process
     output_mode = OutputMode.SHADOW if shadow else OutputMode.DRY_RUN if dry_run else OutputMode.FLY
     quoted = None if endpoint is None else f'"{endpoint}"'
     values = {"link.endpoint": quoted, "link.sim_speed": speed, "limits.duration_s": duration}
@@ -64,7 +65,7 @@ def fly_mission(
     if speed is not None and not mission.flies_sim:
         raise Refused(f"--speed: only the bundled vehicle flies at another speed, not {mission.file.link.endpoint}")
     refuse_failing(path, mission, shown=[Grade.WARN])
-    _run_folder(out, mission)  # refused before anything is opened
+    _run_folder(out, mission)  # refuse a bad folder before opening anything
     with ExitStack() as watched_open:
         with ExitStack() as open_things:
             signing, signing_time = open_signing(mission, open_things)
@@ -81,8 +82,8 @@ def fly_mission(
                 write_manifest(folder, mission, pilot, clock.epoch_us)
             except OSError as error:
                 raise Refused(f"{folder}: cannot be written: {error.strerror or error}") from None
-            # It loads what draws, a second of computing, while the bundled vehicle flies. Beside a real flight it never
-            # runs: a companion computer has a setpoint to send, and no memory to give away.
+            # With the bundled vehicle, load the plotting packages (1 s) during the flight. For a real flight, start
+            # this process only at its end: a companion computer must send setpoints, and has little memory.
             drawing = Drawing(folder) if isinstance(clock, Lockstep) else None
             alarms = AlarmLog(pilot, onlookers)
             display = display_for(Console(), pilot, onlookers, mission.file.name, min(clock.speed, MOST_WATCHED))
@@ -110,7 +111,7 @@ def fly_mission(
 
 
 def _run_folder(out: str | None, mission: Mission) -> Path:
-    """Where the flight is recorded: never over another one, nor over somebody's own mission.toml. Raises Refused."""
+    """Return the folder to record into. Raises Refused if it holds a flight, or another mission.toml."""
     if out is None:
         base = f"{local_time_name()}-{mission.file.name}"
         names = chain((base,), (f"{base}-{number}" for number in count(2)))
@@ -127,7 +128,7 @@ def _run_folder(out: str | None, mission: Mission) -> Path:
 
 
 def _recorder(out: str | None, mission: Mission) -> Recorder:
-    """In a folder of its own, also when two flights begin at once. Raises Refused."""
+    """Open a recorder in a folder of its own, even if two flights start at once. Raises Refused."""
     while True:
         try:
             return Recorder(_run_folder(out, mission), mission.text, mission.file.log.max_mb)
@@ -139,11 +140,11 @@ def _recorder(out: str | None, mission: Mission) -> Recorder:
 
 
 def _crash_of(loop: Callable[[], None], pilot: Pilot, links: dict[str, Link], clock: Clock, folder: Path) -> str | None:
-    """Run to the end. After an exception a safe setpoint is still sent; returns its description, or None."""
+    """Run to the end. After an exception, send a safe setpoint and return its description, else None."""
     try:
         loop()
-    except BaseException as error:  # also sys.exit() in another package
-        # first of all, whatever the disk does
+    except BaseException as error:  # includes sys.exit() in another package
+        # first, because writing to the disk may block or fail
         links[VEHICLE].send(pilot.last_words(clock.now()), pilot.session.reply_to)
         cause = in_one_line(error)
         pilot.abandon(cause)

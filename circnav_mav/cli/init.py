@@ -1,4 +1,4 @@
-"""`circnav init` and `circnav schema`: a mission of one's own, and what an editor wants to know of it."""
+"""`circnav init` and `circnav schema`: a new mission file, and its JSON schema for editors."""
 
 import json
 import os
@@ -20,7 +20,7 @@ DRAFT = "http://json-schema.org/draft-07/schema#"
 
 
 def write_mission(vehicle: str | None, file: str | None) -> int:
-    """Write the bundled mission of a vehicle under a name of one's own, never over anything. Raises Refused."""
+    """Copy the bundled mission of a vehicle to a new file. Raises Refused, also if the file exists."""
     known = f"one of {', '.join(names('mission'))}"
     if vehicle is None:
         raise Refused(f"init: name a vehicle: {known}")
@@ -67,8 +67,8 @@ def schema_text(kind: str) -> str:
 
 
 def _plain(node: Any) -> Any:
-    """What pydantic says, in words that editors of TOML know: `definitions` as in draft 7, no null, which TOML has not,
-    and no titles made of the names."""
+    """Convert a schema of pydantic for TOML editors: `definitions` as in draft 7, no null, which TOML lacks, and no
+    generated titles."""
     if isinstance(node, list):
         return [_plain(one) for one in node if one != {"type": "null"}]
     if isinstance(node, str):

@@ -1,4 +1,4 @@
-"""`circnav params`: the autopilot's parameters for a mission, as a file that ground stations load."""
+"""`circnav params`: autopilot parameters for a mission, as a file for ground stations."""
 
 from collections.abc import Iterator
 
@@ -11,7 +11,7 @@ from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.preflight import parameter_context
 
 INT32, REAL32 = 6, 9
-"""MAV_PARAM_TYPE of QGroundControl's files for PX4."""
+"""MAV_PARAM_TYPE values in QGroundControl's files for PX4."""
 
 
 def print_parameters(path: str, overrides: tuple[str, ...]) -> int:
@@ -24,7 +24,7 @@ def print_parameters(path: str, overrides: tuple[str, ...]) -> int:
 
 
 def parameter_lines(mission: Mission, vehicle: type[Autopilot]) -> Iterator[str]:
-    """Yield the lines of the file: for ArduPilot `NAME,VALUE`, for PX4 QGroundControl's columns."""
+    """Yield the lines of the file: `NAME,VALUE` for ArduPilot, QGroundControl's columns for PX4."""
     system = mission.file.vehicle.system_id or 1
     yield f"# {vehicle.name}, circnav mission {mission.file.name}"
     yours = []

@@ -1,4 +1,4 @@
-"""`circnav preflight`: the check of the mission, and then of the vehicle and the ranging themselves."""
+"""`circnav preflight`: checks of the mission, then of the connected vehicle and ranging."""
 
 from contextlib import ExitStack
 
@@ -14,7 +14,7 @@ from circnav_mav.runtime.runner import StopRequest, listen
 
 
 def preflight_file(path: str, endpoint: str | None, overrides: tuple[str, ...], seconds: float) -> int:
-    """Check, listen, judge; fail if a line does. Raises Refused."""
+    """Check the mission, listen to the vehicle, print check lines, and return the exit code. Raises Refused."""
     if not 1 <= seconds <= 600:
         raise Refused(f"--seconds: must be at least 1 and at most 600, not {seconds:g}")
     mission = read_mission(path, overrides if endpoint is None else (*overrides, f'link.endpoint="{endpoint}"'))

@@ -1,4 +1,4 @@
-"""`circnav replay`: a flight that already happened, through the same pilot."""
+"""`circnav replay`: runs a recorded flight through the pilot."""
 
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -39,18 +39,18 @@ from circnav_mav.runtime.recorder import write_ticks
 UNITS = {"r": ("range", "m"), "r_dot": ("range rate", "m/s"), "demanded": ("law's turn rate", "rad/s"),
          "turn_rate": ("turn rate", "rad/s")}  # fmt: skip
 TICKS, PICTURE = "ticks.csv", "replay.png"
-"""What a replay leaves behind."""
+"""Files that a replay writes."""
 LAST_DIGIT = 1e-6
-"""ticks.csv holds six decimals."""
+"""Resolution of numbers in ticks.csv. Smaller differences are rounding."""
 MOST_NAMED = 6
-"""Senders that are named, before "and more": a ground station may plot dozens of values."""
+"""Senders that are listed before "and more": a ground station may plot dozens of values."""
 
 
 def replay_log(
     log: str, mission: str | None = None, overrides: Sequence[str] = (), estimator: str | None = None,
     law: str | None = None, out: str | None = None,
 ) -> int:  # fmt: skip
-    """Replay, print what came of it, and return the exit code. Raises Refused."""
+    """Replay a log, print the results, and return the exit code. Raises Refused."""
     path, chosen = Path(log), {"estimator": estimator, "law": law}
     overrides = [*overrides, *(f'guidance.{key}="{name}"' for key, name in chosen.items() if name is not None)]
     with refusing(path, RunError, MissionError, ConfigError):
@@ -63,14 +63,14 @@ def replay_log(
 
 
 def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str | None) -> None:
-    """A run folder: every step of the loop as it was, under its own mission or another."""
+    """Replay the recorded steps of a run folder, with its own mission or another."""
     run = open_run(Path(log).parent if Path(log).is_file() else Path(log))
     if not (run.folder / "turns.csv").is_file():
         raise Refused(f"{run.folder}: has no turns.csv; copy its flight.tlog out and replay that with --mission")
     own = str(run.folder / "mission.toml")
     parse = partial(load_mission, other) if other else partial(parse_mission, run.mission_text, own)
     mission = _mission(other or own, parse, overrides)
-    if other or overrides:  # as flown it may be of a version with other checks
+    if other or overrides:  # not as flown: an older version may have had other checks
         refuse_failing(other or own, mission, shown=())
     try:
         voice = OutputMode(run.voice)
@@ -93,7 +93,7 @@ def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str 
 
 
 def _replay_plain(log: str, path: str | None, overrides: Sequence[str], out: str | None) -> None:
-    """A tlog of anybody's: dry, with ticks added, and without patience running out."""
+    """Replay a plain tlog: as a dry run, with added ticks, and without timeouts."""
     if path is None:
         raise Refused(f"{Path(log)}: a plain tlog needs --mission: which vehicle, circle and ranging to replay it with")
     mission = _mission(path, partial(load_mission, path), overrides)
@@ -118,7 +118,8 @@ def _replay_plain(log: str, path: str | None, overrides: Sequence[str], out: str
 
 
 def _replayed(name: Path, pilot: Pilot, steps: Iterable[LoopStep], *, empty: str, ticking: bool = False) -> Replayed:
-    """Replay, and say how much that was. ticking: for a plain log. empty: what one without steps is. Raises Refused."""
+    """Replay and print the amount. ticking: True for a plain log. empty: message if there are no steps. Raises
+    Refused."""
     began = time.perf_counter()
     done = replay(pilot, steps, ticking=ticking)
     took = time.perf_counter() - began
@@ -131,7 +132,7 @@ def _replayed(name: Path, pilot: Pilot, steps: Iterable[LoopStep], *, empty: str
 
 
 def _mission(where: str, parse: Callable[..., Mission], overrides: Sequence[str]) -> Mission:
-    """The mission to replay with, with the changes asked for. Raises MissionError, Refused."""
+    """Return the mission with overrides. Raises MissionError, and Refused if the gain belongs to another law."""
     as_it_is, mission = parse(), parse(overrides=overrides)
     gain = as_it_is.file.guidance.gain
     if gain is not None and mission.law.name != as_it_is.law.name and mission.file.guidance.gain == gain:
@@ -143,7 +144,7 @@ def _mission(where: str, parse: Callable[..., Mission], overrides: Sequence[str]
 
 
 def _held_gain(run: Run, settings: PilotSettings) -> float | None:
-    """See `held_gain`; None where mission or ticks of the flight cannot be read, which is told later."""
+    """Return the result of `held_gain`. None if mission or ticks cannot be read, which is reported later."""
     try:
         flown = parse_mission(run.mission_text, str(run.folder / "mission.toml")).pilot_settings(settings.output_mode)
         return held_gain(settings, flown, run.ticks)
@@ -152,7 +153,7 @@ def _held_gain(run: Run, settings: PilotSettings) -> float | None:
 
 
 def _check_steered(name: Path, pilot: Pilot) -> None:
-    """A replay that never steered says why, and its exit code does. Raises Refused."""
+    """Raise Refused with the reason if the replay never steered."""
     if pilot.mission.engaged_at is not None:
         return
     if pilot.mission.outcome is not None:
@@ -166,7 +167,7 @@ def _check_steered(name: Path, pilot: Pilot) -> None:
 
 
 def _say_damage(run: Run, done: Replayed, pilot: Pilot) -> bool:
-    """A warning where not all of the flight is in the log as it was; tells whether all is."""
+    """Print warnings about missing or damaged parts of the log. Return True if it is complete."""
     end = float(run.ticks.time[-1]) if len(run.ticks.time) else 0.0
     short = end - done.until > UNRECORDED
     spoilt = pilot.connection.counts[VEHICLE].bad
@@ -182,7 +183,7 @@ def _say_damage(run: Run, done: Replayed, pilot: Pilot) -> bool:
 
 
 def _say_setpoints(done: Replayed, whole: bool) -> None:
-    """What was sent against what would have been."""
+    """Print the comparison of sent setpoints with those of the replay."""
     was, would = done.was_setpoints, done.setpoints
     if done.identical:
         until = "" if whole else f" up to {done.until:.1f} s"
@@ -194,7 +195,7 @@ def _say_setpoints(done: Replayed, whole: bool) -> None:
 
 
 def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
-    """What was estimated and commanded against what would have been."""
+    """Print differences of estimates and commands, if the log has ticks, and the figures of the replay."""
     would = as_ticks(done.ticks)
     if was is not None:
         for gap in differences(was, would):
@@ -214,7 +215,7 @@ def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
 
 
 def _write(log: str, out: str | None, done: Replayed, was: Ticks | None, mission: Mission) -> None:
-    """Picture and ticks, where they are asked for; the picture first: it shows that the ticks are a replay's."""
+    """Write picture and ticks if `out` is given. The picture comes first: it marks the ticks as those of a replay."""
     if out is None:
         return
     folder = Path(out)
@@ -226,7 +227,7 @@ def _write(log: str, out: str | None, done: Replayed, was: Ticks | None, mission
 
 
 def _check_out(out: str | None) -> None:
-    """What was recorded is never written over, only what an earlier replay wrote. Raises Refused."""
+    """Raise Refused if `out` holds a recorded flight. Files of an earlier replay may be overwritten."""
     folder = Path(out or "")
     if out is None or not folder.is_dir():
         return
@@ -235,7 +236,7 @@ def _check_out(out: str | None) -> None:
 
 
 def _say_who(sources: LogSources, adapter: Autopilot) -> None:
-    """The vehicle and the source of ranges that were used, and who else speaks in the log."""
+    """Print the vehicle and range source that were used, and the other senders in the log."""
     if sources.vehicle is not None:
         system, component = sources.vehicle
         kind = sources.vehicles.get(sources.vehicle, "unknown")

@@ -1,4 +1,4 @@
-"""`circnav report`, and the report that `fly` makes at its end."""
+"""`circnav report`, and the report at the end of `fly`."""
 
 import sys
 from collections.abc import Iterator
@@ -21,12 +21,12 @@ from circnav_mav.runlog.run_folder import Run, RunError, open_run
 from circnav_mav.runlog.summary import FlightFacts, summarise
 
 READ_BACK = {field.name for field in fields(FlightFacts)} | {"flown_s", "alarms", "notes"}
-"""The keys of summary.json that are shown as they are. The figures of the circle are computed again from the ticks."""
+"""Keys of summary.json that are shown unchanged. The figures of the circle are computed again from the ticks."""
 
 
 def report_run(folder: str, after_flight: bool) -> int:
-    """Write report.html and flight.png into a run folder. after_flight: once a line on standard input says that the
-    flight is over, and a line for whatever goes wrong with one of them changes nothing else. Raises Refused."""
+    """Write report.html and flight.png into a run folder. Raises Refused. after_flight: wait for a line on standard
+    input, then draw. If one file fails, print a line and continue."""
     if after_flight:
         return _report_flight(folder) if sys.stdin.readline() else Exit.DONE
     with refusing(folder, RunError, MissionError):
@@ -39,7 +39,7 @@ def report_run(folder: str, after_flight: bool) -> int:
         if run.damage_text is not None:
             say(f"  WARNING    {run.damage_text}")
         _picture(run, mission)
-        _page(run, mission)  # it holds the picture
+        _page(run, mission)  # after the picture, which it contains
         say(f"{run.folder / 'report.html'}\n{run.folder / 'flight.png'}")
     return Exit.DONE
 
@@ -75,7 +75,7 @@ def _page(run: Run, mission: Mission) -> None:
 
 
 def _added(run: Run) -> str:
-    """Return the sections of extensions as HTML; one that fails is left out, and a line says so."""
+    """Return the sections of extensions as HTML. One that fails is left out, and a line reports it."""
     sections = []
     for reference in (one.report_section for one in extensions() if one.report_section):
         try:
@@ -86,13 +86,13 @@ def _added(run: Run) -> str:
 
 
 def _settings(mission: Mission) -> dict[str, str]:
-    """Every value of the mission with its key, defaults filled in; the bundled vehicle's are left to its file."""
+    """Return all values of the mission by key, including defaults, without those of the bundled vehicle."""
     values = dict(_flat(mission.file.model_dump(exclude={"sim"}, exclude_none=True)))
     return values | {"law as flown": f"{mission.law.name}, k = {mission.law.gain:.4g}"}
 
 
 def _flat(table: dict[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
-    """The keys of a table and its tables with their values as a mission file has them, words without their quotes."""
+    """Yield (key, value) of a table and its subtables, values as in a mission file, strings without quotes."""
     for key, value in table.items():
         if isinstance(value, dict):
             yield from _flat(value, f"{before}{key}.")
@@ -101,10 +101,10 @@ def _flat(table: dict[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
 
 
 def _figures(run: Run, mission: Mission) -> dict[str, Any]:
-    """A summary by the ticks: the figures of the circle, and all else as far as it is known without summary.json."""
+    """Return a summary computed from the ticks, with other values as far as known without summary.json."""
     manifest, counts = run.manifest, run.ticks.numbers
     engaged, flown = map(run.summary.get, ("engaged_s", "flown_s"))
-    # the last known number of a column that counts up
+    # last known value of an increasing count
     accepted, rejected = (int(np.nanmax(counts[name], initial=0)) for name in ("accepted", "rejected"))
     return summarise(
         FlightFacts(

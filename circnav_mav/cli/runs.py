@@ -1,4 +1,4 @@
-"""`circnav runs clean`: old run folders are deleted, and nothing that is not one."""
+"""`circnav runs clean`: deletes old run folders, and nothing else."""
 
 import re
 import shutil
@@ -15,14 +15,14 @@ from circnav_mav.runtime.lock import is_held
 
 HOURS = {"h": 1, "d": 24, "w": 168}
 NEEDED = frozenset({"flight.tlog", "mission.toml", "ticks.csv", "turns.csv"})
-"""What each run folder holds, from its first moment on."""
+"""Files that each run folder holds from its start."""
 MADE = NEEDED | {"manifest.json", "summary.json", "error.txt", "flight.png", "estimates.png", "report.html",
                  "replay.png"}  # fmt: skip
-"""All that the core writes there."""
+"""All files that the core writes into a run folder."""
 
 
 class RunFolder(NamedTuple):
-    """One run on the disk. written: s since 1970. kept: why it stays however old it is, for people; else empty."""
+    """Run folder. written: s since 1970. size: bytes. kept: reason not to delete it at any age, else empty."""
 
     folder: Path
     written: float
@@ -31,7 +31,7 @@ class RunFolder(NamedTuple):
 
 
 def clean_runs(folder: str, older_than: str, keep: int, yes: bool) -> int:
-    """Show what would go, and delete it if that is wanted. Raises Refused."""
+    """List old runs, and delete them if confirmed. Raises Refused."""
     age = _seconds(older_than)
     with refusing(folder):
         found = sorted(find_runs(Path(folder)), key=lambda run: -run.written)
@@ -52,7 +52,7 @@ def clean_runs(folder: str, older_than: str, keep: int, yes: bool) -> int:
 
 
 def find_runs(folder: Path) -> list[RunFolder]:
-    """The run folders that lie directly in a folder, links left out. Raises OSError."""
+    """Return the run folders directly in a folder, without links. Raises OSError."""
     found, made = [], MADE.union(*(extension.files for extension in extensions()))
     for place in folder.iterdir():
         if place.is_symlink() or not place.is_dir():

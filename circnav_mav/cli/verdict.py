@@ -1,4 +1,4 @@
-"""The end of a flight in words."""
+"""Verdict: the result of a flight as text."""
 
 from pathlib import Path
 from typing import Any
@@ -7,11 +7,11 @@ from circnav_mav.mav.ranging.interface import OTHERS, describe_rejected
 from circnav_mav.pilot.conditions import CLOCK_SPEED, LIMIT_CYCLE
 
 NOTABLE = 1.0
-"""Time, s, that somebody else had the vehicle from which on it is told."""
+"""Time under the operator's control, s, from which it is reported."""
 
 
 def verdict(summary: dict[str, Any], folder: Path) -> str:
-    """What a person wants to know, in a few lines. summary: as `summarise` makes it, and what onlookers add."""
+    """Return the result of a flight in a few lines. summary: from `summarise`, with additions of onlookers."""
     lines = [f"{summary['outcome'].upper()}: {summary['reason']}"]
     if summary["voice"] != "fly":
         voice = f"{summary['voice'].upper():<9}"
@@ -33,7 +33,7 @@ def verdict(summary: dict[str, Any], folder: Path) -> str:
 
 
 def _refused(rejected: dict[str, int]) -> str:
-    """Ranges that did not count; those of other senders, which do no harm, apart."""
+    """Return the counts of rejected ranges, and separately of those of other senders, which are harmless."""
     own = {reason: count for reason, count in sorted(rejected.items()) if reason not in OTHERS}
     others = sum(rejected.values()) - sum(own.values())
     ignored = f"; {others} of other senders ignored" if others else ""
@@ -41,7 +41,7 @@ def _refused(rejected: dict[str, int]) -> str:
 
 
 def _circle(summary: dict[str, Any]) -> list[str]:
-    """Settling and radius, by our own estimate and by the simulator's truth."""
+    """Return the lines of settling and radius, estimated and by the simulator's truth."""
     desired, truth = summary["desired_radius_m"], summary["truth"]
     flown, steered = summary["flown_s"], summary["steered_s"]
     of_these = f" ({steered:.0f} s steered)" if flown - steered > NOTABLE else ""
@@ -68,7 +68,7 @@ def _circle(summary: dict[str, Any]) -> list[str]:
 
 
 def _turn(summary: dict[str, Any]) -> list[str]:
-    """The turn command, how the vehicle answered it, and whether either was in a limit cycle."""
+    """Return the lines of the turn command, the vehicle's response, and a limit cycle."""
     std, at_limit, variation = map(summary.get, ("turn_std_deg_s", "turn_at_limit", "turn_variation_rad_s2"))
     if std is None or at_limit is None:
         return []

@@ -1,5 +1,5 @@
-"""What the charts of a run are drawn from: columns of samples, words over time, alarms and the track, as JSON holds
-them. Which charts there are, and how they look, is in runtime/web/charts.js, for the live page too."""
+"""Data of the charts of a run as JSON values: columns of samples, texts over time, alarms and the track. The charts
+themselves are defined in report/charts.js, shared with the live page."""
 
 import json
 from itertools import pairwise
@@ -15,14 +15,14 @@ from circnav_mav.runlog.metrics import TOLERANCE
 from circnav_mav.runlog.ticks import Column, Ticks, Truth
 
 GAP = 5.0
-"""Usual steps between two samples beyond which nothing is known of what lies between."""
+"""Gap between two samples at which a line is interrupted, as a multiple of the median step."""
 
 SAME_ALARM = 2.5
-"""Time, s, between an alarm and the STATUSTEXT that says it: of one kind there is one in two seconds."""
+"""Longest time between an alarm and its STATUSTEXT, s. At most one of a kind is sent every 2 s."""
 
 
 def broken(time: Column, *columns: Column) -> tuple[Column, ...]:
-    """Time and columns over it, with NaN put into the columns where the samples pause, so that lines break there."""
+    """Return time and columns with NaN inserted in gaps of the samples, so that lines are interrupted there."""
     steps = np.diff(time)
     rising = steps[steps > 0]
     pauses = np.flatnonzero(steps > GAP * np.median(rising)) + 1 if len(rising) else np.array([], int)
@@ -33,17 +33,18 @@ def broken(time: Column, *columns: Column) -> tuple[Column, ...]:
 
 
 def fresh(ticks: Ticks) -> NDArray[np.bool_]:
-    """The ticks that answered a new range, also one that was refused for its innovation; the others repeat the last."""
+    """Return a mask of the ticks with a new range, including one rejected by its innovation. Other ticks repeat the
+    last."""
     nis = ticks.numbers["nis"]
-    # A rejected range leaves the count of accepted ones as it is; its innovation is what changes.
+    # A rejected range does not change the count of accepted ones, but it changes the innovation.
     judged = np.isfinite(nis) & (np.diff(nis, prepend=np.nan) != 0)
     answered: NDArray[np.bool_] = judged | (np.diff(ticks.numbers["accepted"], prepend=0.0) > 0)
     return answered
 
 
 class Track(NamedTuple):
-    """Where a vehicle flew: m east and north of the target, NaN where nobody knows. true: by the simulator, else as
-    estimated."""
+    """Track of a vehicle. east, north: position relative to the target, m, NaN where unknown. true: True for the
+    simulator's truth, False for the estimate."""
 
     time: Column
     east: Column
@@ -52,12 +53,12 @@ class Track(NamedTuple):
 
     @property
     def known(self) -> NDArray[np.intp]:
-        """The points that are known."""
+        """Indices of the known points."""
         return np.flatnonzero(np.isfinite(self.east) & np.isfinite(self.north))
 
 
 def known_track(ticks: Ticks, truth: Truth | None) -> Track | None:
-    """The truth where there is one, else what was believed; None where there is neither: range alone does not tell."""
+    """Return the true track, else the estimated one. None if neither exists: range alone does not determine it."""
     true = truth is not None and len(truth.time) > 1
     if truth is not None and true:
         places = truth.time, truth.east - truth.target_east, truth.north - truth.target_north
@@ -69,15 +70,16 @@ def known_track(ticks: Ticks, truth: Truth | None) -> Track | None:
 
 
 STRETCHES = 1500
-"""Most points of a line are twice this: the least and the largest value of each stretch."""
+"""Stretches of a line, each drawn by its smallest and largest value."""
 MOST_DOTS = 4000
-"""Of all dots of a line, about this many are drawn beside the least and the largest of each stretch."""
+"""Evenly spaced dots that are drawn beside the smallest and largest of each stretch, about."""
 BINS = 240
-"""Most bars of a chart, each of at least a second."""
+"""Maximum number of bars of a chart. Each covers at least 1 s."""
 
 
 def chart_data(ticks: Ticks, truth: Truth | None, orbit: Orbit, names: dict[str, str], **flight: Any) -> dict[str, Any]:
-    """All of it. names: of the phases, for people. flight: what the charts' levels need beside the orbit."""
+    """Return all data of the charts. names: display names of phases. flight: values of horizontal lines besides the
+    orbit."""
     span = (float(ticks.time[0]), float(ticks.time[-1]))
     phases = [names.get(phase, phase) for phase in ticks.words["phase"]]
     words = {"phase": phases, "vehicle mode": ticks.words["mode"], "law": ticks.words["law"]}
@@ -93,12 +95,12 @@ def chart_data(ticks: Ticks, truth: Truth | None, orbit: Orbit, names: dict[str,
 
 
 def as_script(data: dict[str, Any]) -> str:
-    """JSON that can stand in a page: nothing in it ends the script that holds it."""
+    """Return JSON that is safe inside a script element: it cannot end the element."""
     return json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def alarms(happened: list[Event]) -> list[tuple[float, str]]:
-    """What was wrong; what circnav itself said of an alarm as it began is the same once more."""
+    """Return (time, text) of severe events, without the STATUSTEXT that circnav sent for a listed alarm."""
     severe = [event for event in happened if event.severe]
     begun = np.array([event.time for event in severe if event.kind == ALARM])
     again = [event.kind == OURS and bool(np.any(np.abs(begun - event.time) < SAME_ALARM)) for event in severe]
@@ -106,13 +108,13 @@ def alarms(happened: list[Event]) -> list[tuple[float, str]]:
 
 
 def stretches(time: Column, words: list[str]) -> list[tuple[float, float, str]]:
-    """Words over time as (from, to, word)."""
+    """Return runs of equal words as (from, to, word), times in s."""
     begins = [at for at, word in enumerate(words) if at == 0 or word != words[at - 1]]
     return [(float(time[begin]), float(time[end]), words[begin]) for begin, end in pairwise([*begins, len(words) - 1])]
 
 
 def _columns(ticks: Ticks, truth: Truth | None, span: tuple[float, float]) -> dict[str, tuple[Column, Column]]:
-    """Time and values of each column that there is something to draw of."""
+    """Return time and values of each drawn column, by name."""
     numbers, time, new = ticks.numbers, ticks.time, fresh(ticks)
     found = {name: _line(time, numbers[name]) for name in ("r", "r_dot", "turn_rate", "heading", "drift_x", "drift_y")}
     desired = ticks.desired(nan)
@@ -135,7 +137,7 @@ def _columns(ticks: Ticks, truth: Truth | None, span: tuple[float, float]) -> di
 
 
 def _rate(time: Column, counted: Column, span: tuple[float, float]) -> tuple[Column, Column]:
-    """How much a count grew a second, in equal bins, with a last one of nothing that ends them."""
+    """Return the growth of a count per second in equal bins, with a final NaN that ends the last bin."""
     bins = int(min(BINS, max(1, span[1] - span[0])))
     grown = np.clip(np.nan_to_num(np.diff(counted, prepend=0.0)), 0, None)
     heights, edges = np.histogram(time, bins=bins, range=span, weights=grown)
@@ -143,7 +145,7 @@ def _rate(time: Column, counted: Column, span: tuple[float, float]) -> tuple[Col
 
 
 def peaks(values: Column, stretches: int = STRETCHES) -> NDArray[np.intp]:
-    """At most two samples per stretch, by their index, that still show every peak; and every gap."""
+    """Return the indices of at most two samples per stretch, which preserve every peak, and of one per gap."""
     if len(values) <= 2 * stretches:
         return np.arange(len(values))
     keep: list[int] = []
@@ -158,14 +160,14 @@ def peaks(values: Column, stretches: int = STRETCHES) -> NDArray[np.intp]:
 
 
 def _line(time: Column, values: Column) -> tuple[Column, Column]:
-    """Few points, broken where the samples pause."""
+    """Return a line reduced to few points, interrupted in gaps."""
     time, values = broken(time, values)
     keep = peaks(values)
     return time[keep], values[keep]
 
 
 def _dots(time: Column, values: Column) -> tuple[Column, Column]:
-    """As of a line, and every n-th, so that they are dense where most of them are."""
+    """Return the peaks and every n-th sample, so that the density of dots is preserved."""
     keep = np.union1d(peaks(values), np.arange(0, len(values), max(1, -(-len(values) // MOST_DOTS))))
     return time[keep], values[keep]
 
@@ -179,7 +181,7 @@ def _way(track: Track) -> dict[str, Any]:
     name, colour = ("true", "true") if track.true else ("estimated", "estimate")
     points = len(track.time)
     keep = np.unique(np.linspace(0, points - 1, min(points, 2 * STRETCHES)).astype(int))
-    keep = np.union1d(keep, np.flatnonzero(~np.isfinite(track.east)))  # gaps stay gaps
+    keep = np.union1d(keep, np.flatnonzero(~np.isfinite(track.east)))  # keep the gaps
     times, easts = _plain(track.time[keep], track.east[keep])
     _, norths = _plain(track.time[keep], track.north[keep])
     return {"name": name, "colour": colour, "times": times, "east": easts, "north": norths}

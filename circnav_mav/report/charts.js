@@ -1,10 +1,10 @@
 "use strict";
-// The charts of a flight, for the report and the live page alike. Each is drawn as SVG from columns of samples:
-// columns[name] = [times, values], a value null where nothing is known. Colours are classes in charts.css.
+// Charts of a flight, shared by the report and the live page. Each is drawn as SVG from columns of samples:
+// columns[name] = [times, values], null for an unknown value. Colors are classes in charts.css.
 const Charts = (() => {
   const LEFT = 54, RIGHT = 12, TOP = 8, BOTTOM = 20, BAND = 56, FAR = 1e4, DEGREES = 180 / Math.PI;
 
-  // A line: name, column, colour, and how it is drawn. What has no samples is left out.
+  // A line: name, column, color, and drawing options. Lines without samples are left out.
   function definitions(f) {
     const turn = { scale: DEGREES }, error = { error: true }, near = f.tolerance, radii = f.radii ?? [f.radius];
     const circles = (name, value) => radii.map((radius, i) => [i ? "" : name, value(radius), "desired"]);
@@ -36,7 +36,7 @@ const Charts = (() => {
     }) })).filter(chart => chart.lines.length);
   }
 
-  // --- what is worth a mark: [from, to, kind, words], to = from for a moment ---
+  // --- marks: [from, to, kind, text], to = from for a single moment ---
   const AWAY = { yielded: "takeover", holding: "outage", "would hold": "outage", "waiting for ranging": "outage", "waiting for the link": "outage" };
   const SAID = { takeover: /taken over|operator has the vehicle/i, outage: /^(range (lost|stale)|(link|vehicle) silent)/i };
   const LETTERS = { takeover: "T", outage: "O", law: "L", alarm: "!" };
@@ -128,7 +128,7 @@ const Charts = (() => {
     }).join("");
   }
 
-  // Words over time: each stretch in the colour of its word, and named where there is room.
+  // Texts over time: each stretch in the color of its text, labeled where there is room.
   function band(spans, view, width) {
     const wide = width - LEFT - RIGHT, x = time => wide * (time - view[0]) / (view[1] - view[0]);
     const words = spans.map(span => span[2]);
@@ -147,7 +147,7 @@ const Charts = (() => {
     held: ["holding", "would hold"], away: ["yielded"], over: ["ended"],
   }).flatMap(([colour, words]) => words.map(word => [word, colour])));
 
-  // The colour of a word is the same on every page if it has one of its own; the others get theirs in the order they come.
+  // Known words have the same color on every page. Others get colors in order of appearance.
   const colour = (word, words = []) => KNOWN.get(word) ?? `other${[...new Set(words)].filter(one => one && !KNOWN.has(one)).indexOf(word) % 4}`;
 
   // --- the track: ways = [{ name, colour, times, east, north }], relative to the target, north up ---
@@ -185,7 +185,7 @@ const Charts = (() => {
     return parts.join("");
   }
 
-  // What drifts the vehicle past the target, [east, north] in m/s: an arrow in the corner, for it belongs to no place.
+  // Drift of the vehicle past the target, [east, north] in m/s: an arrow in the corner, because it has no position.
   function driftArrow([east, north], side) {
     const speed = Math.hypot(east, north), turn = Math.atan2(east, north) * DEGREES;
     const sign = speed < .05 ? "" : `<path d="M0,14V-14l-5,9m5,-9l5,9" transform="rotate(${px(turn)})" class="axis drift"/>`;
@@ -203,7 +203,7 @@ const Charts = (() => {
   // --- on a page ---
   const key = (name, colour, n = null) => `<span class="key"><i class="${colour}"></i>${escaped(name)}${n === null ? "" : `<b data-line="${n}"></b>`}</span>`;
 
-  // Drag over a chart to zoom, double-click for the whole flight; the pointer shows values. All charts share the time.
+  // Drag over a chart to zoom, double-click for the whole flight. The pointer shows values. All charts share the time axis.
   function mount(room, map, tools) {
     let model = null, charts = [], view = null, pointer = null, pressed = null;
     tools.innerHTML = '<button data-do="in">+</button><button data-do="out">&minus;</button><button data-do="back">&#9664;</button>'
@@ -234,7 +234,7 @@ const Charts = (() => {
       point();
     }
 
-    // What changes with the pointer alone: the line in each chart, the values in its legend, the place on the track.
+    // Parts that change only with the pointer: line in each chart, values in its legend, position on the track.
     function point() {
       const [from, to] = shown(), time = pointer, x = LEFT + (wide() - LEFT - RIGHT) * (time - from) / (to - from);
       [...room.children].forEach((figure, i) => {
@@ -255,7 +255,7 @@ const Charts = (() => {
         : '<p class="none">No track: range alone does not tell where it flies.</p>';
     }
 
-    // The newest value of a column at a time, null where none is known.
+    // The newest value of a column at a time, null if unknown.
     function newest(name, time) {
       const [times, values] = model.columns[name] ?? [[], []], i = time === null ? -1 : find(times, time);
       return i < 0 ? null : values[i];

@@ -1,4 +1,4 @@
-"""report.html: one page that tells a flight, offline, in print, and without script as a picture."""
+"""report.html: one page about a flight. Works offline, in print, and without script (as a picture)."""
 
 import base64
 import html
@@ -17,24 +17,24 @@ from circnav_mav.runlog.events import Event, events
 from circnav_mav.runlog.run_folder import Run
 
 MOST_EVENTS = 60
-"""Events that the page lists; of more, the first and the last half. Chosen."""
+"""Events listed on the page. Of more, the first and the last half. Chosen."""
 LABEL = 13
 """Width of the labels of a verdict, characters."""
 OUTCOMES = {"COMPLETED": "good", "INTERRUPTED": "warn"}
-"""The colour of an outcome; every other one is bad."""
+"""Color class of an outcome. All others are "bad"."""
 PAGE = Path(__file__).with_name("report.template.html")
 
 
 def write_report(
     run: Run, orbit: Orbit, circles: str, gate: float, verdict: str, settings: dict[str, str], added: str = ""
 ) -> Path:
-    """Write report.html of a run with two ticks at least into its folder, all or nothing. Raises RunError, OSError.
+    """Write report.html of a run with at least two ticks into its folder, atomically. Raises RunError, OSError.
 
-    circles: in words. gate: of the innovations, standard deviations. verdict: its first line is the outcome. settings:
-    by their keys. added: HTML of extras.
+    circles: description. gate: innovation gate, standard deviations. verdict: text whose first line is the outcome.
+    settings: values by key. added: HTML of extras.
     """
     mode, happened = next((mode for mode in OutputMode if mode.value == run.voice), OutputMode.FLY), events(run)
-    names = {phase.value: phase_name(phase, mode) for phase in Phase}  # as they are called where nothing was sent, too
+    names = {phase.value: phase_name(phase, mode) for phase in Phase}  # with the names used when nothing was sent
     commanded = "commanded" if run.voice == OutputMode.FLY.value else "would command"
     data = chart_data(run.ticks, run.truth, orbit, names, gate=gate, commanded=commanded)
     outcome, _, figures = verdict.partition("\n")
@@ -45,7 +45,7 @@ def write_report(
         "COLOUR": OUTCOMES.get(outcome.partition(":")[0], "bad"),
         "VERDICT": "".join(map(_figure, figures.splitlines())),
         "TRACK": escape(_track_words(run), quote=False),
-        "PICTURE": picture(run.folder / "flight.png", "the flight"),  # for a reader without script
+        "PICTURE": picture(run.folder / "flight.png", "the flight"),  # for browsers without script
         "DATA": as_script(data | {"alarms": alarms(happened)}),
         "ADDED": added,
         "EVENTS": _events(happened, names),
@@ -53,25 +53,27 @@ def write_report(
         "VERSIONS": rows(_versions(run)),
     }
     page = with_charts(PAGE)
-    page = re.sub(f"@({'|'.join(parts)})@", lambda place: parts[place[1]], page)  # at once: parts may look like places
+    # in one pass, because a part may contain text that looks like a placeholder
+    page = re.sub(f"@({'|'.join(parts)})@", lambda place: parts[place[1]], page)
     path = run.folder / "report.html"
     write_text(path, page)
     return path
 
 
 def escape(text: str, quote: bool = True) -> str:
-    """Text as HTML: a browser shows all of it and obeys nothing in it."""
+    """Return text escaped for HTML, so that a browser shows it and never interprets it."""
     return html.escape(printable(text), quote)
 
 
 def _figure(line: str) -> str:
-    """A line of the verdict: its label, and what stands between its commas, each in one piece where there is room."""
+    """Return a line of the verdict as HTML: its label, and its comma-separated parts, each kept on one line if it
+    fits."""
     parts = "".join(f"<span>{escape(part)}</span> " for part in re.split(r"(?<=,) ", line[LABEL:]))
     return f"<dt>{escape(line[:LABEL].strip())}</dt><dd>{parts}</dd>"
 
 
 def _vehicle(run: Run) -> str:
-    """When it was flown, and by what."""
+    """Return date, autopilot and firmware of the flight."""
     autopilot = run.manifest.get("autopilot") or {}
     when = datetime.fromtimestamp(run.epoch_us / 1e6, UTC)
     firmware = autopilot.get("firmware") or run.summary.get("firmware")
@@ -81,7 +83,7 @@ def _vehicle(run: Run) -> str:
 
 
 def _track_words(run: Run) -> str:
-    """Whose track it is, as far as anybody knows."""
+    """Return the caption of the track: true, estimated or unknown."""
     track = known_track(run.ticks, run.truth)
     if track is None:
         return "Range alone does not tell where it flew, and there is no truth: see range over time."
@@ -93,14 +95,14 @@ def _track_words(run: Run) -> str:
 
 
 def picture(path: Path, alt: str, style: str = "") -> str:
-    """A picture as a part of the page, where there is one."""
+    """Return a picture embedded as HTML, or "" if the file does not exist."""
     if not path.is_file():
         return ""
     return f'<img{style} alt="{alt}" src="data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}">'
 
 
 def _events(happened: list[Event], names: dict[str, str]) -> str:
-    """What happened, rejected ranges left to their chart; of very much the beginning and the end."""
+    """Return the table rows of events, without rejected ranges and laws. Of many, the first and the last."""
     told = [event for event in happened if event.kind not in ("rejected", "law")]
     rows = [
         f"<tr><td>{event.time:.1f} s</td><td>{escape(event.kind)}</td>"

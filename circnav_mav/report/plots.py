@@ -1,5 +1,5 @@
-"""Pictures of a run: flight.png (track as far as it is known, range, error, turn rate), replay.png;
-and what all pictures of the product share."""
+"""Plots of a run: flight.png (track if known, range, error, turn rate) and replay.png, and functions that all plots
+share."""
 
 from pathlib import Path
 from typing import Any
@@ -18,12 +18,12 @@ STYLE: Any = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbe
 
 
 def literal(text: str) -> str:
-    """A text that matplotlib draws as it is: in names of files and missions, dollars enclose no formula."""
+    """Return a text that matplotlib draws literally. In names of files and missions, "$" does not enclose a formula."""
     return text.replace("$", r"\$")
 
 
 def save(figure: Figure, path: Path, dpi: int = 110) -> None:
-    """Write a PNG. Raises OSError; an older one is then still there."""
+    """Write a PNG atomically. Raises OSError, and then keeps an older file."""
     with atomic_write(path) as fresh:
         figure.savefig(fresh, dpi=dpi, format="png")
 
@@ -37,7 +37,7 @@ def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, tit
     time, desired, track, new = ticks.time, ticks.desired(orbit.radius), known_track(ticks, truth), fresh(ticks)
     holding = np.array([phase == "holding" for phase in ticks.words["phase"]])
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(12, 7))  # without a layout of matplotlib's, which draws everything twice
+        figure = Figure(figsize=(12, 7))  # no automatic layout: it draws everything twice
         figure.suptitle(literal(title), y=0.985)
         sides = {"left": 0.06, "right": 0.99, "bottom": 0.07, "top": 0.92, "hspace": 0.32, "wspace": 0.17}
         grid = figure.add_gridspec(3, 2, width_ratios=[1.1, 1] if track else [0.001, 1], **sides)
@@ -55,7 +55,7 @@ def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, tit
         labels = "range, m", "range - radius, m", "turn rate, deg/s\n(left positive)"
         for axis, label in zip(axes, labels, strict=True):
             axis.set_ylabel(label)
-            if holding.any():  # the times without ranges in which the vehicle held its turn
+            if holding.any():  # intervals without ranges, in which the vehicle held its turn
                 limits, label = axis.get_ylim(), "no range, holding"
                 axis.fill_between(time, *limits, where=holding, color=HOLD_BAND, alpha=0.7, lw=0, label=label)
                 axis.set_ylim(*limits)
@@ -66,7 +66,7 @@ def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, tit
 
 
 def plot_replay(path: Path, was: Ticks | None, would: Ticks, orbit: Orbit, title: str) -> None:
-    """Draw what was estimated and commanded, if known, and what would have been. Raises OSError."""
+    """Draw estimates and commands of the replay, and those of the flight if known, and write a PNG. Raises OSError."""
     columns = ("r", "range, m", 1.0), ("r_dot", "range rate, m/s", 1.0), ("turn_rate", "turn rate, deg/s", 180 / np.pi)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(11, 8), layout="constrained")
@@ -88,7 +88,7 @@ def _track(axis: Any, track: Track, radii: list[float]) -> None:
     for at, radius in enumerate(radii):
         circle = radius * np.cos(angle), radius * np.sin(angle)
         label_once = None if at else "desired"
-        axis.plot(*circle, "--", color=DESIRED, lw=1.5, label=label_once, zorder=3)  # on the track, not under it
+        axis.plot(*circle, "--", color=DESIRED, lw=1.5, label=label_once, zorder=3)  # above the track
     axis.plot(track.east, track.north, color=colour, lw=1.0, label=label)
     east, north = track.east[track.known], track.north[track.known]
     begins = {"mfc": "red", "label": "start"} if track.true else {"mfc": "none", "label": "first believed"}
@@ -105,7 +105,7 @@ def _track(axis: Any, track: Track, radii: list[float]) -> None:
 
 
 def _arrow_places(east: Column, north: Column) -> list[int]:
-    """Where arrows show the sense of flight: on the way to the circle, and last in each quarter of it."""
+    """Return the indices of direction arrows: one on the way to the circle, and the last pass of each quarter of it."""
     late = len(east) // 2
     bearing = np.arctan2(north, east)[late:-1]
     quarters = (np.angle(np.exp(1j * (bearing - quarter * np.pi / 2))) for quarter in range(4))
@@ -114,7 +114,7 @@ def _arrow_places(east: Column, north: Column) -> list[int]:
 
 
 def _legend_above(axis: Any) -> None:
-    """The legend outside the axis, where it covers nothing."""
+    """Place the legend above the axis, where it covers no data."""
     axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=6, fontsize=8, frameon=False, borderaxespad=0.1)
 
 
@@ -123,7 +123,7 @@ def _steps(axis: Any, time: Column, values: Column, label: str) -> None:
 
 
 def _estimated_and_true(axis: Any, ticks: Ticks, truth: Truth | None, less: Column) -> None:
-    """The range, less the metres of each tick."""
+    """Draw estimated and true range, minus `less` (m, one value per tick)."""
     axis.plot(*broken(ticks.time, ticks.numbers["r"] - less), color=ESTIMATE, lw=1, label="estimated")
     if truth is not None:
         then = less[np.maximum(np.searchsorted(ticks.time, truth.time, side="right") - 1, 0)]

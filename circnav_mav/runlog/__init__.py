@@ -1,1 +1,1 @@
-"""Recorded flights: run folders and tlogs read back, their figures, replay and export. Never takes part in a flight."""
+"""Recorded flights: reading run folders and tlogs, figures, replay and export. Not used by the loop of a flight."""

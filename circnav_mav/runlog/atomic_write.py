@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all, whatever fails in between."""
+"""Atomic writing of files: a failure never leaves a partial file."""
 
 import json
 import os
@@ -11,7 +11,7 @@ from typing import Any
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
-    """Where to write a file: it takes the place of the one at `path` when all of it is there. Raises OSError."""
+    """Yield a temporary path to write to. On success it replaces `path`. Raises OSError."""
     fresh = path.with_name(f"{path.name}.tmp")
     try:
         yield fresh
@@ -20,20 +20,19 @@ def atomic_write(path: Path) -> Iterator[Path]:
         with suppress(OSError):
             fresh.unlink(missing_ok=True)
         if isinstance(error, OSError) and str(error.filename or fresh) == str(fresh):
-            error.filename, error.filename2 = str(path), None  # the name that its reader knows
+            error.filename, error.filename2 = str(path), None  # report the name that the user knows
         raise
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text as a whole file; what UTF-8 cannot hold, as in some names of folders, becomes a question mark.
-    Raises OSError."""
+    """Write a text file atomically. Characters that UTF-8 cannot encode, as in some folder names, become "?". Raises
+    OSError."""
     with atomic_write(path) as fresh:
         fresh.write_text(text, encoding="utf-8", errors="replace")
 
 
 def write_json(path: Path, what: Any) -> None:
-    """Write plain values as a whole JSON file; a number that JSON does not know, NaN or an infinity, becomes null.
-    Raises OSError."""
+    """Write plain values as a JSON file, atomically. NaN and infinity become null. Raises OSError."""
     write_text(path, json.dumps(_known_to_json(what), indent=2, allow_nan=False) + "\n")
 
 

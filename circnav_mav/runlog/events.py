@@ -1,4 +1,4 @@
-"""What happened in a run, in words: changes of phase, mode and law, rejected ranges, texts on the link."""
+"""Events of a run as texts: changes of phase, mode and law, rejected ranges, alarms, STATUSTEXT messages."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -12,17 +12,17 @@ from circnav_mav.runlog.ticks import Ticks
 from circnav_mav.runlog.tlog import read_messages
 
 STATUSTEXT = 253
-"""Message id."""
+"""MAVLink message id."""
 OUR_COMPONENTS = range(191, 195)
 OURS, ALARM = "circnav says", "alarm"
 SEVERE = {"vehicle says": 3, OURS: 4}
-"""MAV_SEVERITY_ERROR and WARNING; what is worse has a smaller number."""
+"""Least severe MAV_SEVERITY that counts as severe: ERROR and WARNING. A smaller number is more severe."""
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """A moment of a run. kind: phase, mode, law, rejected, alarm (as it began, for whoever looked on), vehicle says,
-    circnav says. severe: an alarm, an error of the vehicle, a warning of ours, or worse."""
+    """One event. time: run time, s. kind: phase, mode, law, rejected, alarm (when it began), vehicle says, circnav
+    says. severe: True for alarms, errors of the vehicle, warnings of circnav, or worse."""
 
     time: float
     kind: str
@@ -31,7 +31,7 @@ class Event:
 
 
 def events(run: Run) -> list[Event]:
-    """All events of a run in the order of time. Raises RunError, OSError."""
+    """Return all events of a run, sorted by time. Raises RunError, OSError."""
     seen = (Event(alarm["time_s"], ALARM, plain_text(alarm["text"]), True) for alarm in run.summary.get("alarms", ()))
     return sorted([*_changes(run.ticks), *seen, *_texts(run)], key=lambda event: event.time)
 
@@ -55,7 +55,7 @@ def _texts(run: Run) -> list[Event]:
         sender = ids(message)
         who = OURS if sender[1] in OUR_COMPONENTS else "vehicle says"
         text, before = reader.read(message)
-        text = text.removeprefix("circnav: ")  # as ours begin
+        text = text.removeprefix("circnav: ")  # the prefix of circnav's own texts
         if before is None:
             newest[sender] = len(found)
             found.append(Event((stamp - run.epoch_us) / 1e6, who, text, message.severity <= SEVERE[who]))

@@ -1,5 +1,5 @@
-"""A flight as the steps of its loop: exactly those of a run folder, and those that a plain tlog can stand for; and who
-speaks in a plain tlog."""
+"""Steps of the loop of a recorded flight: exact from a run folder, reconstructed from a plain tlog. Also lists the
+senders in a plain tlog."""
 
 import csv
 from collections import Counter
@@ -25,17 +25,17 @@ from circnav_mav.runlog.tlog import message_id, read_tlog, read_unbroken
 
 LINKS = {"v": "vehicle", "r": "ranging"}
 MOST_FRAMES = 10_000
-"""More than a datagram of any size can hold."""
+"""Upper bound of the frames in one datagram of any size."""
 DISORDER = 100_000
-"""Time, us, by which a stamp may lie before the last: two threads of a logger, and no clock that was set."""
+"""Largest step back of a timestamp, us, that is disorder of a logger's two threads, not a clock that was set."""
 USUAL = 1_000_000
-"""Time, us, from one stamp to the next beyond which the stamp after it must agree."""
+"""Largest step forward, us, that is accepted without checking the timestamp after it."""
 LONGEST_SILENCE = 3_600_000_000
-"""Time, us, that a log may be silent; a longer way ahead is a clock that was set, as from 1970 to now."""
+"""Longest gap in a log, us. A larger step forward is a clock that was set, such as from 1970 to now."""
 
 
 def recorded_steps(folder: Path) -> Iterator[LoopStep]:
-    """The steps of a run folder, up to where its files were cut off or damaged. Raises OSError."""
+    """Yield the steps of a run folder, up to the first damage or the end of a file. Raises OSError."""
     frames = (frame for _, frame in read_unbroken(folder / "flight.tlog"))
     with closing(read_lines(folder / "turns.csv", errors="replace")) as lines:
         rows = csv.reader(lines)
@@ -44,18 +44,19 @@ def recorded_steps(folder: Path) -> Iterator[LoopStep]:
             for row in rows:
                 yield _step(row, frames)
         except (ValueError, KeyError, csv.Error):
-            return  # frames are counted off one by one: behind a damaged line nobody knows whose they are
+            # Frames are assigned to steps by their count. After a damaged line, the assignment is unknown.
+            return
 
 
 def has_requests(folder: Path) -> bool:
-    """True if a run folder is of a version that records requests for another circle. Raises OSError."""
+    """True if the run folder was recorded by a version that stores requests for another circle. Raises OSError."""
     with (folder / "turns.csv").open(encoding="utf-8", errors="replace") as file:
         return "requests" in file.readline()
 
 
 def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
-    """A line of turns.csv with its frames out of the tlog. Raises ValueError, KeyError for what the recorder never
-    wrote, and where the frames are not all there."""
+    """Return the step of a row of turns.csv, with its frames from the tlog. Raises ValueError or KeyError for a damaged
+    row or missing frames."""
 
     def take(count: int) -> list[bytes]:
         taken = list(islice(frames, min(count, MOST_FRAMES)))
@@ -79,10 +80,10 @@ def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
 
 
 def tlog_steps(path: Path, ours: int, clock: "LogClock | None" = None) -> Iterator[LoopStep]:
-    """The steps that a plain tlog stands for: frames of one stamp come in together, on one link.
+    """Yield steps reconstructed from a plain tlog. Frames of one timestamp are received together, on one link.
 
-    ours: our own component id, whose frames went out and did not come in. clock: notes where the clock of the stamps
-    was set. Times count from the first stamp and never go back. Raises OSError.
+    ours: component id of circnav, whose frames are left out because they were sent. clock: records where the clock of
+    the timestamps was set. Step times start at the first timestamp and never decrease. Raises OSError.
     """
     clock = LogClock() if clock is None else clock
     together = groupby(read_tlog(path), key=lambda record: record[0])
@@ -91,8 +92,8 @@ def tlog_steps(path: Path, ours: int, clock: "LogClock | None" = None) -> Iterat
     for (stamp, frames), (following, _) in pairwise(chain(stamped, [end])):
         assert stamp is not None
         time = clock.at(stamp, following)
-        # A vehicle that sends MAVLink 1 cannot be flown, because it may not read our MAVLink 2. In a replay nothing is
-        # sent to it, and its recorded frames say the same in either version.
+        # A vehicle that sends MAVLink 1 cannot be flown, because it may not read our MAVLink 2. A replay sends nothing,
+        # and the recorded frames have the same content in either version.
         received = [as_version_2(frame) for frame in frames if frame[6 if frame[0] == V2 else 4] != ours]
         if received:
             yield LoopStep(time, [("vehicle", "tlog", received)])
@@ -100,9 +101,11 @@ def tlog_steps(path: Path, ours: int, clock: "LogClock | None" = None) -> Iterat
 
 @dataclass(slots=True)
 class LogClock:
-    """Run time from the stamps (us) of a plain tlog, whose clock may have been set while it was written. A step of the
-    clock takes no time; a lone stamp that is far off moves nothing. steps: (run time, size) of each step, s. lone: how
-    far, s, the lone ones were off."""
+    """Run time from the timestamps (us) of a plain tlog, whose clock may have been set during the flight.
+
+    A step of the clock counts as no time, and a single wrong timestamp is ignored. steps: (run time, size) of each
+    step, s. lone: error of each single wrong timestamp, s.
+    """
 
     steps: list[tuple[float, float]] = field(default_factory=list)
     lone: list[float] = field(default_factory=list)
@@ -110,11 +113,11 @@ class LogClock:
     _run: int = 0
 
     def at(self, stamp: int, following: int | None) -> float:
-        """Run time, s, of a stamp. following: the stamp after it, None at the end of the log."""
+        """Return the run time of a timestamp, s. following: the timestamp after it, None at the end of the log."""
         newest = stamp if self._newest is None else self._newest
         moved = stamp - newest
-        # One stamp alone cannot tell a clock that was set from a damaged record: the stamp after it decides. Where it
-        # goes on from the old time, the far one was damaged; where it stays at the new time, the clock was set.
+        # A timestamp far off is either a damaged record or a clock that was set. The timestamp after it decides: if it
+        # continues from the old time, the record was damaged. If it stays at the new time, the clock was set.
         alone = following is not None and _is_lone(moved, following - newest)
         if -DISORDER <= moved <= USUAL or (0 < moved <= LONGEST_SILENCE and not alone):
             self._newest, self._run = newest + max(moved, 0), self._run + max(moved, 0)
@@ -126,7 +129,7 @@ class LogClock:
         return self._run / 1e6
 
     def __str__(self) -> str:
-        """What was wrong with the stamps, in words; empty where nothing was."""
+        """Describe the problems of the timestamps. Empty if there are none."""
         problems = []
         if self.steps:
             at, size = max(self.steps, key=lambda step: abs(step[1]))
@@ -139,18 +142,19 @@ class LogClock:
 
 
 def _is_lone(moved: int, then: int) -> bool:
-    """Whether the stamp after a far one goes on where the last one stood. Both count from the last one, us."""
+    """True if only one timestamp is far off and the one after it continues from the last. Both relative to the last,
+    us."""
     return -DISORDER <= then <= LONGEST_SILENCE and (moved < 0 or then < moved - DISORDER)
 
 
 HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _OF_ANOTHER = (Reject.WRONG_SOURCE.value, Reject.OTHER_SENSOR.value, Reject.AMBIGUOUS.value)
-"""Reasons for which a range that fits the mission is ignored beside another source."""
+"""Rejection reasons of a range that fits the mission while another source is used."""
 
 
 @dataclass(slots=True)
 class RangeCounts:
-    """What became of the ranges of one source. ignored: those that fit the mission but came beside another source's."""
+    """Counts of the ranges of one source. ignored: those that fit the mission while another source was used."""
 
     messages: int = 0
     taken: int = 0
@@ -159,9 +163,9 @@ class RangeCounts:
 
 @dataclass(slots=True)
 class LogSources:
-    """Listens to the steps that a pilot replays. vehicle: the one that the pilot took last. vehicles: what each
-    autopilot is. ranging: the sources of ranges with the mission's name of their message, those that do not fit the
-    mission included."""
+    """Senders in the steps that a pilot replays. vehicle: ids of the vehicle that the pilot last used. vehicles:
+    description of each autopilot. ranging: range sources with the mission's name of their message, including those that
+    do not fit the mission."""
 
     settings: RangingSettings
     vehicle: Ids | None = None
@@ -169,10 +173,10 @@ class LogSources:
     heartbeats: Counter[Ids] = field(default_factory=Counter)
     ranging: dict[tuple[str, RangeSource], RangeCounts] = field(default_factory=dict)
     ambiguous: int = 0
-    """Ranges that were not used because several sources fit the mission."""
+    """Ranges rejected because several sources fit the mission."""
 
     def watch(self, steps: Iterable[LoopStep], pilot: Pilot) -> Iterator[LoopStep]:
-        """The steps as they are, on their way to the pilot."""
+        """Yield the steps unchanged and count their senders."""
         wanted = frozenset({HEARTBEAT, *(one.id for one in RANGING_MESSAGES.values())})
         decoder, reader = Decoder(wanted=wanted), RangeReader(self.settings)
         for step in steps:
@@ -185,7 +189,7 @@ class LogSources:
 
     @property
     def candidates(self) -> list[RangeSource]:
-        """The sources that fit the mission, where there is more than one and no word of it which one is meant."""
+        """Sources that fit the mission, if there are several and the mission does not select one."""
         named = self.settings.system_id is not None or self.settings.component_id is not None
         fit = [source for (_, source), counts in self.ranging.items() if counts.taken or (counts.ignored and not named)]
         return fit if len(fit) > 1 else []
@@ -199,7 +203,7 @@ class LogSources:
             return
         name, kind = next(item for item in RANGING_MESSAGES.items() if item[1].id == message.get_msgId())
         if kind.for_anything and name != self.settings.message and not kind.picked(message, self.settings):
-            return  # values of any kind come under names
+            return  # a general message: other names carry other quantities
         counts = self.ranging.setdefault((name, RangeSource.of(message, kind)), RangeCounts())
         fits = name == self.settings.message and kind.picked(message, self.settings)
         ignored = sum(reader.rejected[reason] for reason in _OF_ANOTHER)

@@ -1,5 +1,5 @@
-"""How good a circle was: settling, radius error, sense of rotation, and how quiet the turn command was. SI units,
-arrays over samples. One definition for the verdict, campaigns and the benchmark."""
+"""Figures of a flown circle: settling, radius error, sense of rotation, and smoothness of the turn command. SI units,
+arrays over samples. The verdict, campaigns and the benchmark share these definitions."""
 
 from dataclasses import dataclass
 from math import degrees, pi
@@ -14,13 +14,13 @@ from circnav_mav.guidance.types import Direction, Orbit
 Column = NDArray[np.float64]
 
 TOLERANCE = 0.05
-"""Settled means within this fraction of the radius."""
+"""Half width of the band in which the radius counts as settled, as a fraction of it."""
 LAST = 1 / 3
-"""Fraction of the flight, at its end, over which the circle is judged."""
+"""Final fraction of the flight over which the circle is judged."""
 
 
 def settling_time(time: Column, radius: Column, desired: float, tolerance: float = TOLERANCE) -> float | None:
-    """Seconds from the first sample to the last entry into the band, None if the flight ends outside it."""
+    """Return the time from the first sample to the last entry into the band, s. None if the flight ends outside."""
     outside = np.flatnonzero(~(np.abs(radius - desired) <= tolerance * desired))
     if not len(radius) or (len(outside) and outside[-1] == len(radius) - 1):
         return None
@@ -29,58 +29,58 @@ def settling_time(time: Column, radius: Column, desired: float, tolerance: float
 
 
 def settled(time: Column, radius: Column, desired: float) -> float | None:
-    """The settling time, s, of a flight that was within the band all through the part by which its circle is judged;
-    else None: one that swings out of the band on every lap has an entry that happens to be the last, and is not
-    settled by it."""
+    """Return the settling time, s, or None if the radius left the band in the part that is judged."""
+    # A flight that leaves the band on every lap also has a last entry, but it has not settled.
     first = settling_time(time, radius, desired)
     return None if first is None or first > (1 - LAST) * (time[-1] - time[0]) else first
 
 
 def last_part(time: Column, values: Column) -> Column:
-    """The values of the part of the time by which the circle is judged."""
+    """Return the values of the final part, over which the circle is judged."""
     return values[time >= time[-1] - LAST * (time[-1] - time[0])] if len(time) else values
 
 
 def mean(values: Column) -> float | None:
-    """Mean, None of nothing."""
+    """Return the mean, or None for an empty array."""
     return float(np.mean(values)) if len(values) else None
 
 
 def rms_error(values: Column, desired: float) -> float | None:
-    """Root mean square of (values - desired), None of nothing."""
+    """Return the root mean square of (values - desired), or None for an empty array."""
     return float(np.sqrt(np.mean((values - desired) ** 2))) if len(values) else None
 
 
 def swept_angle(north: Column, east: Column) -> float:
-    """Angle swept round the origin by a track, rad, counter-clockwise positive seen from above."""
+    """Return the angle that a track sweeps around the origin, rad, counter-clockwise positive seen from above."""
     angles = np.unwrap(np.arctan2(north, east))
     return float(angles[-1] - angles[0]) if len(angles) else 0.0
 
 
 def direction_of(swept: float) -> Direction | None:
-    """Sense of rotation of a swept angle, None below a quarter turn."""
+    """Return the sense of rotation of a swept angle, rad. None below a quarter turn."""
     if abs(swept) < np.pi / 2:
         return None
     return Direction.COUNTERCLOCKWISE if swept > 0 else Direction.CLOCKWISE
 
 
 SLOW = 0.25
-"""Share of a lap. Wind and a moving target ask for turn rates that change once or twice a lap; a moving mean over this
-long takes most of that out, and leaves oscillations of up to some 10 s."""
+"""Window of the moving mean, as a fraction of a lap. Wind and a moving target require turn rates that vary once or
+twice a lap. Subtracting the mean removes most of that, and leaves oscillations with periods up to about 10 s."""
 LEAST_SWING = 0.1
-"""Share of the turn-rate limit: RMS of the fast part below which the command is quiet, whatever its shape."""
+"""RMS of the fast part, as a fraction of the turn-rate limit, below which there is no limit cycle."""
 REPEATS = 0.35
-"""Autocorrelation of the fast part one period later from which on it repeats itself. Benchmark plant: noise and gusts
-reach .2, a loop with .25 s of dead time .7 .. .9, one with .5 s in wind .5."""
+"""Autocorrelation of the fast part at one period, from which it counts as periodic. Benchmark plant: noise and gusts
+reach 0.2, a loop with 0.25 s dead time 0.7 to 0.9, one with 0.5 s in wind 0.5."""
 BANGS = 0.6
-"""Share of the limit: RMS of the fast part that only a command between both limits has (a sine .71, a square wave 1).
-Gusts break the rhythm of such a loop (autocorrelation .1 .. .3), not its size: .67; a sound loop has .44 in them."""
+"""RMS of the fast part, as a fraction of the limit, that only a command alternating between both limits reaches (sine
+0.71, square wave 1). Gusts make such a loop irregular (autocorrelation 0.1 to 0.3), but it keeps 0.67. A stable loop in
+gusts has 0.44."""
 
 
 @dataclass(frozen=True, slots=True)
 class TurnFigures:
-    """turn_std_deg_s: standard deviation of the command, deg/s. turn_at_limit: share of its samples at the vehicle's
-    limit. turn_variation_rad_s2: its total variation, rad/s per second. turn_limit_cycle: see `cycles`."""
+    """Figures of the turn command. turn_std_deg_s: standard deviation, deg/s. turn_at_limit: fraction of samples at the
+    vehicle's limit. turn_variation_rad_s2: total variation per second, rad/s^2. turn_limit_cycle: see `cycles`."""
 
     turn_std_deg_s: float
     turn_at_limit: float
@@ -89,14 +89,14 @@ class TurnFigures:
 
 
 NAMES = tuple(TurnFigures.__dataclass_fields__)
-"""The keys of summary.json and the columns of a campaign and of the benchmark."""
+"""Keys in summary.json, and columns of a campaign and of the benchmark."""
 
 
 def turn_figures(time: Column, command: Column, orbit: Orbit, at_limit: Any = None) -> TurnFigures | None:
-    """The figures of commanded turn rates (rad/s) at times (s); NaN: nothing was commanded. None without a command.
+    """Return the figures of commanded turn rates (rad/s, NaN where none) at times (s). None without a command.
 
-    at_limit: whether the limit cut each of them; by default those at the limit. A vehicle that turns at more than it is
-    told is told less than its limit.
+    at_limit: nonzero where the limit cut the command; by default, where the command is at the limit. Pass it for a
+    vehicle that turns faster than commanded: its commands stay below the limit.
     """
     known = np.isfinite(command)
     if not known.any():
@@ -114,16 +114,16 @@ def turn_figures(time: Column, command: Column, orbit: Orbit, at_limit: Any = No
 
 
 def late_figures(time: Column, command: Column, cut: Any, orbit: Orbit) -> TurnFigures | None:
-    """The same over the last part of a flight, by which its radius is judged too."""
+    """Return `turn_figures` of the final part of a flight, over which its radius is judged too."""
     late = slice(len(time) - len(last_part(time, time)), None)
     return turn_figures(time[late], command[late], orbit, at_limit=cut[late])
 
 
 def cycles(time: Column, command: Column, *, limit: float, lap: float) -> bool:
-    """Whether the command is in a limit cycle, as far as it alone can tell: its fast part (without the moving mean over
-    a quarter of a lap) is large and repeats itself, or swings from limit to limit.
+    """True if the turn command (rad/s) shows a limit cycle. Its fast part, without the moving mean over a quarter of a
+    lap, is large and periodic, or alternates between the limits.
 
-    limit: rad/s. lap: s. False for less than half a lap: too little to tell.
+    limit: rad/s. lap: s. False for less than half a lap, which is too short to judge.
     """
     if time[-1] - time[0] < 2 * SLOW * lap:
         return False
@@ -138,14 +138,14 @@ def cycles(time: Column, command: Column, *, limit: float, lap: float) -> bool:
 
 
 def _without_mean(values: Column, width: int) -> Column:
-    """Less their moving mean, where a whole window is known."""
+    """Return the values minus their moving mean, where the window is complete."""
     means = np.convolve(values, np.ones(width) / width, "valid")
     first = (width - 1) // 2
     return values[first : first + len(means)] - means
 
 
 def _autocorrelation_peak(values: Column, most: int) -> float:
-    """The highest autocorrelation at lags up to `most` samples, past the first lag at which it is negative."""
+    """Return the highest autocorrelation after its first negative lag, at lags below `most` samples."""
     n = len(values)
     correlation = np.fft.irfft(np.abs(np.fft.rfft(values, 2 * n)) ** 2)[:most] / (n - np.arange(most))
     negative = np.flatnonzero(correlation < 0)

@@ -1,4 +1,4 @@
-"""What a pilot would have sent in a flight that already happened. The vehicle does not answer: its path is as flown."""
+"""Replay of a recorded flight through a pilot. The vehicle does not respond to new commands: its path is as flown."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -15,11 +15,11 @@ from circnav_mav.runlog.ticks import NAMES, WORDS, Column, Ticks
 from circnav_mav.runlog.tlog import message_id
 
 SETPOINT_IDS = frozenset({69, 82, 84})
-"""MANUAL_CONTROL, SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED."""
+"""Message ids of setpoints: MANUAL_CONTROL, SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED."""
 LONGEST_GAP = 10.0
-"""Time, s, for which ticks go on in a gap of a plain tlog."""
+"""Time for which ticks continue in a gap of a plain tlog, s."""
 STEERING = ("orbit", "law", "estimator", "estimation", "ranging", "height", "radius_trim", "turn_gain")
-"""The settings that decide which turns a pilot commands."""
+"""Settings that determine the turn commands of a pilot."""
 COMPARED = ("r", "r_dot", "demanded", "turn_rate")
 
 Sent = list[tuple[float, bytes]]
@@ -27,8 +27,8 @@ Sent = list[tuple[float, bytes]]
 
 @dataclass(slots=True)
 class Replayed:
-    """What came of a replay, beside what the log holds. sent, was_sent: (time, frame) of ours, in order. until: time of
-    the last step. ended: when the pilot was done, None while it was not; nothing that came later counts."""
+    """Result of a replay. sent, was_sent: (time, frame) sent in the replay and in the log, in order. until: time of the
+    last step, s. ended: time when the pilot was done, s, or None; later steps are ignored."""
 
     ticks: list[TickRecord] = field(default_factory=list)
     sent: Sent = field(default_factory=list)
@@ -40,28 +40,28 @@ class Replayed:
 
     @property
     def setpoints(self) -> Sent:
-        """The setpoints of the replay."""
+        """Setpoints of the replay."""
         return [(time, frame) for time, frame in self.sent if message_id(frame) in SETPOINT_IDS]
 
     @property
     def was_setpoints(self) -> Sent:
-        """The setpoints in the log."""
+        """Setpoints in the log."""
         return [(time, frame) for time, frame in self.was_sent if message_id(frame) in SETPOINT_IDS]
 
     @property
     def identical(self) -> bool:
-        """Whether every frame of ours is the one in the log, byte for byte and at its time."""
+        """True if all sent frames equal those in the log, in bytes and time."""
         return self.sent == self.was_sent
 
     @property
     def first_difference(self) -> float | None:
-        """Time of the first frame of ours that differs, None if none does."""
+        """Time of the first sent frame that differs, s, or None."""
         pairs = zip_longest(self.sent, self.was_sent, fillvalue=(inf, b""))
         return next((min(one[0], other[0]) for one, other in pairs if one != other), None)
 
 
 def replay(pilot: Pilot, steps: Iterable[LoopStep], *, ticking: bool = False) -> Replayed:
-    """Feed steps to a pilot at their times. ticking: the steps are not all there, so that ticks are added as due."""
+    """Feed steps to a pilot at their times. ticking: add ticks when due, for logs without all steps."""
     done = Replayed()
     for step in steps:
         heard_until = min(step.time, done.until + LONGEST_GAP)
@@ -98,14 +98,14 @@ def _step(pilot: Pilot, now: float, done: Replayed, *, held_back: bool = False) 
 
 
 def without_timeouts(settings: PilotSettings) -> PilotSettings:
-    """Settings that replay a plain tlog from end to end: no timeout runs out, and there is one link."""
+    """Return settings for a plain tlog: without timeouts, and with a single link."""
     endless = replace(settings.timing, duration=inf, wait_link=inf, wait_ranging=inf, hold=inf, outage=inf)
     return replace(settings, timing=endless, ranging_apart=False, stream_links=frozenset())
 
 
 def as_flown_before(settings: PilotSettings) -> PilotSettings:
-    """Return settings that replay a flight of a version that neither listened for a second range source before it
-    steered, nor gave back a vehicle that did not follow."""
+    """Return settings to replay a flight of an old version. It neither checked for a second range source before
+    steering, nor handed back a vehicle that did not follow."""
     return replace(
         settings,
         timing=replace(settings.timing, unfollowed=inf),
@@ -114,9 +114,9 @@ def as_flown_before(settings: PilotSettings) -> PilotSettings:
 
 
 def held_gain(settings: PilotSettings, flown: PilotSettings, was: Ticks) -> float | None:
-    """The turn-rate gain to replay with where it would be learnt, and other turns be commanded than were flown: that
-    of the flight at its end. The headings in the log answer the turns that were flown; they cannot teach how
-    the vehicle would have followed others. None: learn as in flight."""
+    """Return the turn-rate gain to hold in the replay, or None to estimate it as in flight."""
+    # The recorded headings respond to the turns that were flown. If the replay commands other turns, the gain cannot be
+    # estimated from them. Then the gain at the end of the flight is held.
     same = all(getattr(settings, name) == getattr(flown, name) for name in STEERING)
     if same or settings.turn_gain is not None or settings.output_mode is not OutputMode.FLY:
         return None
@@ -127,7 +127,7 @@ def held_gain(settings: PilotSettings, flown: PilotSettings, was: Ticks) -> floa
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """How far a column of the ticks moved: root mean square and largest, in its own unit, over the ticks both have."""
+    """Difference of a column between flight and replay: RMS and largest, in its unit, over the common ticks."""
 
     column: str
     rms: float
@@ -136,7 +136,7 @@ class Difference:
 
 
 def differences(was: Ticks, would: Ticks) -> list[Difference]:
-    """The columns worth comparing, tick by tick of the same time."""
+    """Return the differences of the COMPARED columns, over ticks of equal time."""
     _, here, there = np.intersect1d(np.round(was.time * 1e6), np.round(would.time * 1e6), return_indices=True)
     found = []
     for column in COMPARED:
@@ -148,7 +148,7 @@ def differences(was: Ticks, would: Ticks) -> list[Difference]:
 
 
 def as_ticks(records: list[TickRecord]) -> Ticks:
-    """Tick records as the columns that a ticks.csv reads back as."""
+    """Return tick records as columns, as read from a ticks.csv."""
 
     def column(name: str) -> Column:
         return np.array([np.nan if (v := getattr(record, name)) is None else float(v) for record in records])

@@ -1,4 +1,4 @@
-"""A run folder opened: what it says of itself, whatever became of the process that wrote it."""
+"""Reading of a run folder, even if the process that wrote it was killed."""
 
 import csv
 from collections.abc import Iterator
@@ -17,17 +17,17 @@ from circnav_mav.runlog.ticks import Ticks, Truth, read_ticks, read_truth
 from circnav_mav.runlog.tlog import Damage, find_damage
 
 YEAR_2100_US = 4_102_444_800_000_000
-"""Start of 2100, microseconds since 1970: later is a damaged manifest."""
+"""Start of 2100, microseconds since 1970. A later start time means a damaged manifest."""
 
 
 class _Autopilot(BaseModel, strict=True):
-    """The autopilot in manifest.json, as far as it is read back."""
+    """Values of the autopilot in manifest.json that are read back."""
 
     system: int | None = None
 
 
 class _Manifest(BaseModel, strict=True):
-    """The values of manifest.json that are read back. A file edited by hand may hold any type."""
+    """Values of manifest.json that are read back. Their types are checked, because a user may have edited the file."""
 
     mission: str | None = None
     voice: str | None = None
@@ -39,7 +39,7 @@ class _Manifest(BaseModel, strict=True):
 
 
 class _Alarm(BaseModel, strict=True):
-    """An alarm in summary.json."""
+    """Alarm in summary.json."""
 
     time_s: float
     text: str
@@ -48,16 +48,16 @@ class _Alarm(BaseModel, strict=True):
 _read_back: dict[str, Any] = {field.name: (field.type, None) for field in fields(FlightFacts) if field.name != "orbit"}
 _read_back |= {"flown_s": (float, 0.0), "alarms": (list[_Alarm], []), "notes": (list[str], [])}
 _Summary = create_model("_Summary", __cls_kwargs__={"strict": True}, **_read_back)
-"""The values of summary.json that are read back, by their types in a flight."""
+"""Values of summary.json that are read back, with their types in a flight."""
 
 
 class RunError(Exception):
-    """A run that cannot be opened, in one line."""
+    """One-line message: a run that cannot be opened."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run folder. manifest, summary: empty if the process ended before it wrote them, or if they are damaged."""
+    """Run folder. manifest, summary: empty if missing, because the process was killed, or if damaged."""
 
     folder: Path
     mission_text: str
@@ -67,35 +67,35 @@ class Run:
 
     @property
     def voice(self) -> str:
-        """What the pilot was allowed to say."""
+        """Output mode of the pilot, "fly" by default."""
         return str(self.manifest.get("voice", "fly"))
 
     @property
     def name(self) -> str:
-        """The mission's name."""
+        """Name of the mission."""
         return printable(self.manifest.get("mission") or self.summary.get("mission") or self.folder.name)
 
     @cached_property
     def ticks(self) -> Ticks:
-        """Every step that acted. Raises RunError."""
+        """All recorded ticks. Raises RunError."""
         with _refusing(self.folder / "ticks.csv"):
             return read_ticks(self.folder)
 
     @cached_property
     def truth(self) -> Truth | None:
-        """The simulator's truth, None when there was none. Raises RunError."""
+        """Truth of the simulator, or None. Raises RunError."""
         with _refusing(self.folder / "flight.tlog"):
             return read_truth(self.folder, self.epoch_us, (self.manifest.get("autopilot") or {}).get("system"))
 
     @cached_property
     def damage(self) -> Damage | None:
-        """What of flight.tlog cannot be read. Raises RunError."""
+        """Damage of flight.tlog, or None. Raises RunError."""
         with _refusing(self.folder / "flight.tlog"):
             return find_damage(self.folder / "flight.tlog")
 
     @property
     def damage_text(self) -> str | None:
-        """The same in words, and where that is in the flight; None if all of it can be read. Raises RunError."""
+        """Damage of flight.tlog and its run time as text, or None. Raises RunError."""
         found = self.damage
         if found is None:
             return None
@@ -112,7 +112,7 @@ def open_run(folder: Path) -> Run:
     if not folder.is_dir() or not (folder / "flight.tlog").is_file() or not (folder / "mission.toml").is_file():
         raise RunError(f"{folder}: is not a run folder: flight.tlog or mission.toml is missing")
     manifest, summary = _table(folder / "manifest.json"), dict[str, Any]()
-    with suppress(RunError):  # its figures can be made anew
+    with suppress(RunError):  # its figures can be computed again
         summary = _table(folder / "summary.json")
     _check_types(folder / "manifest.json", manifest, _Manifest)
     _check_types(folder / "summary.json", summary, _Summary)
@@ -125,14 +125,14 @@ def open_run(folder: Path) -> Run:
 
 
 def _table(path: Path) -> dict[str, Any]:
-    """Values of a JSON file by their keys; none if there is no such file or no table in it. Raises RunError."""
+    """Return the table of a JSON file. Empty if there is no such file, or no table in it. Raises RunError."""
     with _refusing(path):
         table = read_json(path) if path.exists() else {}
         return table if isinstance(table, dict) else {}
 
 
 def _check_types(path: Path, table: dict[str, Any], schema: type[BaseModel]) -> None:
-    """Check the values that are read back. Raises RunError that names file and key."""
+    """Check the types of the values that are read back. Raises RunError that names file and key."""
     try:
         schema.model_validate(table)
     except ValidationError as error:
@@ -141,7 +141,7 @@ def _check_types(path: Path, table: dict[str, Any], schema: type[BaseModel]) -> 
 
 @contextmanager
 def _refusing(path: Path) -> Iterator[None]:
-    """What is wrong with a file, in one line. Raises RunError."""
+    """Convert errors of reading a file to RunError, with a one-line message."""
     try:
         yield
     except RecursionError:

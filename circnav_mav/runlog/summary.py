@@ -1,4 +1,4 @@
-"""summary.json of a run: stable keys that later work and users' scripts read."""
+"""Contents of summary.json of a run. Its keys are stable, because users' scripts read them."""
 
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
@@ -16,18 +16,20 @@ from circnav_mav.runlog.ticks import Ticks, Truth
 NOT_OURS = frozenset(
     phase.value for phase in (Phase.WAIT_LINK, Phase.WAIT_RANGING, Phase.READY, Phase.YIELDED, Phase.ENDED)
 )
-"""The phases in which somebody else has the vehicle, or nobody."""
+"""Phases in which circnav does not control the vehicle."""
 FIGURES = ("settled_s", "radius_mean_m", "radius_rms_error_m")
 UNRECORDED = 1.0
-"""Time, s, at the end of a flight from which on it is worth telling that nothing was recorded."""
+"""Unrecorded time at the end of a flight from which it is reported, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlightFacts:
-    """What the flight itself knows at its end; it stands in the summary under the same names, but for the last three
-    and the orbit. engaged_s, until_s: run time of the engagement and of the last tick, recorded or not; None: as the
-    recorded ticks say. clock_speed: of the autopilot's time, where it was not ours. orbit: the first circle;
-    later_radii: of those after it, m, flown or not."""
+    """Facts known at the end of a flight. The summary holds them under the same names, except orbit and the last three.
+
+    engaged_s, until_s: run time of engaging and of the last tick, s, recorded or not; None: take them from the recorded
+    ticks. clock_speed: speed of the autopilot's clock if it differed from real time. orbit: first circle. later_radii:
+    radii of the circles after it, m, flown or not.
+    """
 
     mission: str
     outcome: str
@@ -49,9 +51,12 @@ class FlightFacts:
 
 
 def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str, Any]:
-    """The summary as plain values. Without an engagement the figures of the circle are null; else they are of what was
-    recorded, and `recording_problem` tells where that is not all; and of the ticks that steered by a fresh range, for a
-    prediction that goes on through an outage is no measurement. Of several circles they are of the last one begun."""
+    """Return the summary as plain values.
+
+    The figures of the circle cover the last circle that was begun, and are null if the flight never engaged. They use
+    recorded ticks that steered by a fresh range, because predictions in an outage are not measurements. If parts were
+    not recorded, `recording_problem` reports it.
+    """
     start = ticks.engaged_at if facts.engaged_s is None else facts.engaged_s
     end = float(ticks.time[-1]) if facts.until_s is None and len(ticks.time) else facts.until_s or 0.0
     flown = ticks.time >= (np.inf if start is None else start)
@@ -60,13 +65,13 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
     circles = _circles(ticks, known, facts.orbit.radius, start or 0.0)
     orbit, begun = replace(facts.orbit, radius=circles[-1]["desired_radius_m"]), circles[-1]["begun_s"]
     known &= ticks.time >= begun
-    # the operator flew, or the vehicle was not heard; what was not recorded counts as steered
+    # ticks in which circnav did not steer: the operator flew, or no link. Unrecorded time counts as steered.
     without = flown[:-1] & np.array([phase in NOT_OURS for phase in ticks.words["phase"]], bool)[:-1]
-    # how quiet the turn command was, over the ticks by which the radius is judged
+    # smoothness of the turn command, over the ticks by which the radius is judged
     turn = late_figures(ticks.time[known], ticks.numbers["turn_rate"][known], ticks.numbers["saturated"][known], orbit)
     height = ticks.numbers["height"][flown & steered]
     height = height[~np.isnan(height)]
-    # in which sense most turning was commanded in the last third that was steered: turns on the way count for nothing
+    # sense of most of the commanded turning in the last third: turns on the way to the circle do not count
     turned = np.nansum(metrics.last_part(ticks.time[flown & steered], ticks.numbers["turn_rate"][flown & steered]))
     commanded = None if turned == 0 else Direction.COUNTERCLOCKWISE if turned > 0 else Direction.CLOCKWISE
     told = asdict(facts)
@@ -92,8 +97,8 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
 
 
 def _problem(problem: str | None, ticks: Ticks, truth: Truth | None, end: float) -> str | None:
-    """What the recorder said, and up to where the figures go if not to the end of the flight. Truth that ends early
-    without a word of the recorder was not heard."""
+    """Return the recorder's problem, and up to which time the figures reach if not to the end, or None."""
+    # Truth that ends early without a recording problem was not received: that is no gap in the record.
     ends = {"estimates": float(ticks.time[-1]) if len(ticks.time) else 0.0}
     if truth is not None and problem is not None:
         ends["truth"] = float(truth.time[-1])
@@ -102,7 +107,7 @@ def _problem(problem: str | None, ticks: Ticks, truth: Truth | None, end: float)
 
 
 def _circles(ticks: Ticks, known: NDArray[np.bool_], first: float, start: float) -> list[dict[str, Any]]:
-    """Each circle that was begun, in its order, judged from its beginning to that of the next one."""
+    """Return the figures of each circle that was begun, in order, each from its start to that of the next."""
     desired, at = ticks.desired(first), np.flatnonzero(known)
     circles: list[dict[str, Any]] = []
     for part in np.split(at, np.flatnonzero(np.diff(desired[at])) + 1):
@@ -120,7 +125,7 @@ def _circle(time: metrics.Column, radius: metrics.Column, desired: float) -> dic
 
 
 def _vehicle(ticks: Ticks, steered: NDArray[np.bool_]) -> dict[str, float | int | None]:
-    """How the vehicle answered turn commands at the end, what was left of the gains, and how often the law changed."""
+    """Return turn gain and delay of the vehicle at the end, the remaining share of the gains, and the law changes."""
     figures: dict[str, float | int | None] = {}
     for name, column in (("turn_gain", "turn_gain"), ("turn_delay_s", "turn_delay"), ("gain_share", "gain_share")):
         values = ticks.numbers[column][steered]
@@ -136,7 +141,7 @@ def _truth(truth: Truth, start: float, end: float, orbit: Orbit) -> dict[str, An
         return None
     time, radius = truth.time[flown], truth.radius[flown]
     ways = truth.north - truth.target_north, truth.east - truth.target_east
-    # the sense of rotation is that of the circle, not that of the way there
+    # sense of rotation on the circle only, not on the way to it
     direction = metrics.direction_of(metrics.swept_angle(*(metrics.last_part(time, way[flown]) for way in ways)))
     return {
         **_circle(time, radius, orbit.radius),

@@ -1,4 +1,4 @@
-"""Reads a run folder back: ticks.csv as columns, the simulator's truth out of flight.tlog."""
+"""Reading of ticks.csv as columns, and of the simulator's truth from flight.tlog."""
 
 import csv
 from array import array
@@ -21,16 +21,16 @@ Column = NDArray[np.float64]
 
 NAMES = frozenset(TickRecord._fields)
 WORDS = frozenset(name for name, kind in TickRecord.__annotations__.items() if kind in (str, Phase))
-"""The columns of ticks.csv that hold words."""
+"""Columns of ticks.csv that hold text."""
 LONGEST = 1e9
-"""Time, s, that no run takes."""
+"""Upper bound of a run time, s. A larger one means a damaged file."""
 MOST = 1e30
-"""No number of a tick is as large."""
+"""Upper bound of the size of a number. A larger one is read as NaN."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ticks:
-    """ticks.csv: numbers as arrays over ticks (NaN where a cell is empty), words as lists."""
+    """Columns of ticks.csv: numbers as arrays over ticks (NaN for an empty cell), texts as lists."""
 
     numbers: dict[str, Column]
     words: dict[str, list[str]]
@@ -41,11 +41,11 @@ class Ticks:
         return self.numbers["time"]
 
     def desired(self, otherwise: float) -> Column:
-        """Radius of the circle of each tick, m; otherwise: of a run whose ticks do not hold it."""
+        """Return the desired radius of each tick, m. otherwise: value where the tick holds none."""
         return np.where(np.isnan(self.numbers["desired"]), otherwise, self.numbers["desired"])
 
     def radii(self, otherwise: float) -> list[float]:
-        """Of the circles that were flown, in their order, m."""
+        """Return the radii of the flown circles, in order, m. otherwise: as in `desired`."""
         desired = self.desired(otherwise)
         return [otherwise] if not len(desired) else [float(r) for r in desired[np.diff(desired, prepend=nan) != 0]]
 
@@ -58,13 +58,13 @@ class Ticks:
 
 
 NO_TICKS = Ticks({name: np.array([]) for name in NAMES - WORDS}, {name: [] for name in WORDS})
-"""What is left of a run whose ticks could not be written."""
+"""Ticks of a run in which none could be written."""
 
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What the simulator says really happened, arrays over samples: run time at which it arrived (s), north and east
-    of the origin (m), of the vehicle and of the target, turn rate (rad/s, clockwise), the simulator's own time (s)."""
+    """Truth of the simulator, arrays over samples: run time at reception (s), north and east position of vehicle and
+    target from the origin (m), turn rate (rad/s, clockwise), and time of the simulator (s)."""
 
     time: Column
     north: Column
@@ -81,9 +81,11 @@ class Truth:
 
 
 def read_ticks(folder: Path) -> Ticks:
-    """ticks.csv of a run folder; a last line that was cut off is left out, a column that is not there is empty, and so
-    is a cell that is no number of a flight. Raises OSError, csv.Error, and ValueError that names the line of a cell
-    that is no number at all, or of a time that does not go on."""
+    """Return the ticks of a run folder. A truncated last line is skipped. Missing columns and impossible numbers are
+    NaN.
+
+    Raises OSError, csv.Error, and ValueError that names the line if a cell is not a number or time decreases.
+    """
     with closing(read_lines(folder / "ticks.csv")) as lines:
         reader = csv.reader(lines)
         header = next(reader, [])
@@ -92,7 +94,8 @@ def read_ticks(folder: Path) -> Ticks:
         if "time" not in numbers or len(words) + len(numbers) < len(header):
             raise ValueError("has no header")
         times = numbers["time"]
-        for line, row in enumerate(reader, 2):  # one by one: the text of a long flight is ten times what it says
+        # Convert line by line: the text of a long flight needs ten times the memory of its numbers.
+        for line, row in enumerate(reader, 2):
             if len(row) == len(header):
                 for name, cell in zip(header, row, strict=True):
                     if name in words:
@@ -117,17 +120,17 @@ def read_ticks(folder: Path) -> Ticks:
 
 
 def read_truth(folder: Path, epoch_us: int, system: int | None = None) -> Truth | None:
-    """The simulator's truth of a run whose clock began at `epoch_us`, None when there was none. A frame with a number
-    that is none is left out: anybody may have sent it.
+    """Return the simulator's truth of a run, or None. Frames with non-finite numbers are skipped, because any sender
+    may have made them.
 
-    system: of the vehicle that was flown; None: of the first that tells.
+    epoch_us: Unix time of run time zero, us. system: MAVLink system id of the vehicle, None for the first with truth.
     """
     rows = array("d")
     for stamp, frame in read_tlog(folder / "flight.tlog"):
         numbers = read_truth_frame(frame)
         if numbers is None or not all(map(isfinite, numbers)):
             continue
-        system = frame[5] if system is None else system  # MAVLink 2, or it would hold no truth
+        system = frame[5] if system is None else system  # byte 5 of a MAVLink 2 frame, the only version with truth
         if frame[5] == system:
             rows.extend(((stamp - epoch_us) / 1e6, *numbers))
     if not rows:

@@ -1,7 +1,7 @@
-"""Reads a tlog: big-endian microseconds since 1970 and a raw frame, repeated.
+"""Reading of a tlog: a timestamp (big-endian microseconds since 1970) and a raw frame, repeated.
 
-The format has no marks of its own. Where something was damaged, the log goes on at the next place where a moment that
-may be is followed by a good frame, and that by another record or the end.
+The format has no markers. After damage, reading continues at the next plausible timestamp that is followed by a valid
+frame and then by another record or the end.
 """
 
 import re
@@ -14,22 +14,22 @@ from circnav_mav.mav.codec import Decoder, Message
 from circnav_mav.mav.framing import SIGNED, V1, V2, frame_at, is_good
 
 STAMP = 8
-"""Bytes of the time before each frame of a .tlog."""
+"""Length of the timestamp before each frame, bytes."""
 LONGEST = STAMP + 280
-"""A stamp and the longest frame, a signed one, bytes."""
+"""Length of the longest record, bytes: a timestamp and a signed frame."""
 CHUNK = 1 << 20
-"""Bytes that are read at a time; chosen."""
+"""Bytes read at a time. Chosen."""
 LATEST = 14
-"""Second byte of a stamp at most, the first one is 0: a moment before 2105."""
+"""Largest second byte of a timestamp, whose first byte is 0: a time before 2105."""
 RECORD = re.compile(rb"\x00[\x00-\x0e].{6}[\xfd\xfe]", re.DOTALL)
-"""How a record begins: such a stamp, and a magic byte."""
+"""Start of a record: a plausible timestamp and a magic byte."""
 
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """What of a tlog cannot be read. byte: the first that cannot. size: of the file. places, lost: how many stretches,
-    and bytes in all of them. until, newest: newest moment before the first of them, and of all, microseconds since
-    1970, 0 if there is none. cut: whether nothing good comes behind the first."""
+    """Damage of a tlog. byte: first unreadable byte. size: of the file, bytes. places, lost: number of unreadable
+    stretches, and bytes in them. until, newest: newest timestamp before the first stretch, and of all, microseconds
+    since 1970, 0 if none. cut: True if nothing after the first stretch is readable."""
 
     byte: int
     size: int
@@ -47,12 +47,12 @@ class Damage:
 
 
 def read_tlog(path: Path) -> Iterator[tuple[int, bytes]]:
-    """The (microseconds since 1970, frame) pairs of a tlog; what is damaged is left out. Raises OSError."""
+    """Return the (microseconds since 1970, frame) pairs of a tlog, without damaged parts. Raises OSError."""
     return ((stamp, frame) for _, stamp, frame in _records(path))
 
 
 def read_unbroken(path: Path) -> Iterator[tuple[int, bytes]]:
-    """The same up to the first damage. Raises OSError."""
+    """Yield the (microseconds since 1970, frame) pairs up to the first damage. Raises OSError."""
     end = 0
     for byte, stamp, frame in _records(path):
         if byte != end:
@@ -62,7 +62,7 @@ def read_unbroken(path: Path) -> Iterator[tuple[int, bytes]]:
 
 
 def find_damage(path: Path) -> Damage | None:
-    """What of a tlog cannot be read; None if all can. Raises OSError."""
+    """Return the damage of a tlog, or None. Raises OSError."""
     end, newest, gaps, lost = 0, 0, 0, 0
     first, until = None, 0
     for byte, stamp, frame in _records(path):
@@ -79,7 +79,7 @@ def find_damage(path: Path) -> Damage | None:
 
 
 def read_messages(path: Path, wanted: Collection[int]) -> Iterator[tuple[int, Message]]:
-    """The (microseconds since 1970, message) pairs of these message ids. Raises OSError."""
+    """Yield the (microseconds since 1970, message) pairs of these message ids. Raises OSError."""
     decoder = Decoder(wanted=wanted)
     for stamp, frame in read_tlog(path):
         if message_id(frame) in wanted:
@@ -87,14 +87,14 @@ def read_messages(path: Path, wanted: Collection[int]) -> Iterator[tuple[int, Me
 
 
 def message_id(frame: bytes) -> int:
-    """Message id of a whole frame, MAVLink 1 or 2."""
+    """Return the message id of a whole frame, MAVLink 1 or 2."""
     return int.from_bytes(frame[7:10], "little") if frame[0] == V2 else frame[5]
 
 
 def _records(path: Path) -> Iterator[tuple[int, int, bytes]]:
-    """Where each whole record begins in the file, its stamp and frame. Raises OSError."""
+    """Yield (position in the file, timestamp, frame) of each whole record. Raises OSError."""
     with open_file(path) as file:
-        data, base, at = b"", 0, 0  # base: where the data begins in the file
+        data, base, at = b"", 0, 0  # base: position of the data in the file
         ended = searching = any_read = False
         while True:
             if len(data) - at < 2 * LONGEST and not ended:
@@ -104,7 +104,7 @@ def _records(path: Path) -> Iterator[tuple[int, int, bytes]]:
                 return
             if searching:
                 found = RECORD.search(data, at)
-                start = found.start() if found else max(at, len(data) - STAMP)  # where too little is there to tell
+                start = found.start() if found else max(at, len(data) - STAMP)  # keep a possible partial timestamp
                 if start > at:
                     at = start
                     continue
@@ -113,18 +113,18 @@ def _records(path: Path) -> Iterator[tuple[int, int, bytes]]:
                 at, searching = at + 1, True
                 continue
             if searching and not any_read and end == len(data):
-                return  # a single one is chance: the last of frames without stamps may look like it
+                return  # may be chance: in a file of frames without timestamps, the last one can look like a record
             yield base + at, int.from_bytes(data[at : at + STAMP], "big"), data[at + STAMP : end]
             at, searching, any_read = end, False, True
 
 
 def _end(data: bytes, at: int) -> int | None:
-    """Where the record ends that seems to begin here; None if none does, or not all of it is there."""
+    """Return the end of the record that may begin here, or None if there is none or it is incomplete."""
     start = at + STAMP
     if len(data) < start + 3 or data[at] or data[at + 1] > LATEST:
         return None
     magic, flags = data[start], data[start + 2]
-    if magic == V2 and not flags & ~SIGNED:  # by hand: a long log is read several times
+    if magic == V2 and not flags & ~SIGNED:  # not with `frame_at`, for speed: a long log is read several times
         end = start + data[start + 1] + (25 if flags else 12)
     elif magic == V1:
         end = start + data[start + 1] + 8
@@ -134,8 +134,8 @@ def _end(data: bytes, at: int) -> int | None:
 
 
 def _is_record(data: bytes, at: int, end: int, searching: bool) -> bool:
-    """Whether this is a record. That a record or the end of the file follows is enough where one must begin, and so is
-    a frame whose check is right; in a search both are needed."""
+    """True if this is a record. Two signs are a valid checksum, and another record or the end of the file after it. At
+    the expected place one sign is enough. In a search both are required."""
     framed = end == len(data) or _end(data, end) is not None
     if framed is not searching:
         return framed

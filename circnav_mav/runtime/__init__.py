@@ -1,1 +1,1 @@
-"""The shell round the pilot: sockets, clock, files, screen."""
+"""Environment of the pilot: sockets, clock, files and screen."""

@@ -1,5 +1,5 @@
-"""What a person sees while flying: a live picture on a terminal, one plain line a second elsewhere. A thread of its own
-draws: a terminal that is stopped (Ctrl-S) or gone, or a slow pipe, never delays a tick."""
+"""Display during a flight: a live picture on a terminal, one plain line a second elsewhere. A separate thread draws, so
+that a stopped terminal (Ctrl-S), a closed one or a slow pipe never delays a tick."""
 
 import threading
 from collections import deque
@@ -19,14 +19,14 @@ from circnav_mav.runtime.picture import Picture
 from circnav_mav.runtime.status import Begun, Status, Watch, kind, shown
 
 PICTURES_A_SECOND = 4
-"""Pictures a second; chosen, more are not read."""
+"""Refreshes of the live picture per real second. Chosen: more cannot be read."""
 PATIENCE = 1.0
-"""Time, s, that a stuck terminal is given at the end of the flight."""
+"""Timeout for a stuck terminal at the end of the flight, s."""
 
 
 class PlainScreen:
-    """One line each time, one for each alarm that is new, one for what is waited for at two times in a row, and
-    one for who is believed once it is flown."""
+    """Prints a status line each time. Further lines report each new alarm, a condition waited for at two draws in a
+    row, and, after engaging, the trusted vehicle."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -36,8 +36,8 @@ class PlainScreen:
         self._newest: dict[str, str] = {}
 
     def draw(self, status: Status) -> None:
-        """Print the lines."""
-        # a hand-back goes on for long after the end, with news of its own
+        """Print the lines of a status."""
+        # After the end, handing back may last long. It prints no more status lines, only new facts.
         ended, self._ended = self._ended, status.tick.phase is Phase.ENDED
         if not (ended and self._ended):
             self._print(one_line(status))
@@ -52,10 +52,10 @@ class PlainScreen:
             self._print(f"  ALARM    {alarm}")
 
     def close(self) -> None:
-        """Nothing to put back."""
+        """Do nothing: there is no state to restore."""
 
     def _print_new(self, label: str, text: str, about: str) -> None:
-        """Print a text of another kind than the last under this label."""
+        """Print a text under this label unless it is of the same kind as the last one."""
         if text and about != self._newest.get(label):
             self._print(f"  {label:<8} {text}")
             self._newest[label] = about
@@ -65,20 +65,20 @@ class PlainScreen:
 
 
 class LiveScreen:
-    """A picture drawn anew in its place. Nothing is written before the first one."""
+    """Live picture that is redrawn in place. Nothing is written before the first one."""
 
     def __init__(self, console: Console, picture: Picture) -> None:
         self._picture = picture
         self._live = Live(console=console, auto_refresh=False)
 
     def draw(self, status: Status) -> None:
-        """Draw the picture."""
+        """Draw the picture of a status."""
         if not self._live.is_started:
             self._live.start()
         self._live.update(self._picture.draw(status, self._live.console.width), refresh=True)
 
     def close(self) -> None:
-        """Leave the last picture standing."""
+        """Keep the last picture on the terminal."""
         self._live.stop()
 
 
@@ -86,28 +86,28 @@ Screen = PlainScreen | LiveScreen
 
 
 class Display(Onlooker):
-    """Hands the newest status to a screen when one is due; `on_step` never waits."""
+    """Passes the newest status to a screen when a refresh is due. `on_step` never blocks."""
 
     name = "display"
 
     def __init__(self, screen: Screen, pilot: Pilot, onlookers: Onlookers, period: float, *, last: bool) -> None:
-        """period: seconds of the run's clock between two drawings. last: draw the end of the flight though not due."""
+        """period: run time between two refreshes, s. last: draw the end of the flight even if no refresh is due."""
         self._screen, self._pilot, self._period, self._last = screen, pilot, period, last
         self._watch = Watch(pilot, onlookers)
         self._due = 0.0
         self.problem: str | None = None
-        """Why nothing more was drawn, unless it is that nobody looks."""
+        """Reason why drawing stopped, or None. A closed terminal is no problem."""
         self._waiting: deque[Status] = deque(maxlen=1)
         self._wake, self._closing = threading.Event(), False
         self._thread = threading.Thread(target=self._run, name="display", daemon=True)
         self._thread.start()
 
     def on_step(self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None) -> Sequence[bytes]:
-        """Leave a status to be drawn when one is due, in the place of one that is still waiting."""
+        """Queue a status if a refresh is due. It replaces one that is still waiting."""
         now = step.time
         if newest is None or (now < self._due and not (self._last and self._pilot.done)):
             return ()
-        self._due += self._period  # whole periods, however late this status came
+        self._due += self._period  # whole periods, even if this status is late
         if self._due <= now:
             self._due = now + self._period
         self._waiting.append(self._watch.status(newest, now, recording_problem))
@@ -115,13 +115,13 @@ class Display(Onlooker):
         return ()
 
     def close(self) -> None:
-        """Draw what is waiting, and leave it standing."""
+        """Draw the waiting status and keep it on the terminal."""
         self._closing = True
         self._wake.set()
         self._thread.join(PATIENCE)
 
     def _run(self) -> None:
-        """Draw what is waiting, until closed."""
+        """Draw waiting statuses until closed: the drawing thread."""
         closing = False
         try:
             while not closing:
@@ -131,7 +131,7 @@ class Display(Onlooker):
                 if self._waiting:
                     self._screen.draw(self._waiting.pop())
         except OSError:
-            pass  # nobody looks any more: the flight goes on
+            pass  # the terminal was closed: the flight continues
         except Exception as error:
             self.problem = f"display: stopped: {error!r}"
         with suppress(Exception):
@@ -139,7 +139,7 @@ class Display(Onlooker):
 
 
 def display_for(console: Console, pilot: Pilot, onlookers: Onlookers, title: str, speed: float) -> Display:
-    """Return the display for where the output goes. speed: run seconds per real second."""
+    """Return a live display for a terminal, else a plain one. speed: run seconds per real second."""
     if console.is_terminal and not console.is_dumb_terminal:
         screen: Screen = LiveScreen(console, Picture(pilot.settings, title, ascii_only=console.options.ascii_only))
         return Display(screen, pilot, onlookers, speed / PICTURES_A_SECOND, last=True)
@@ -147,7 +147,7 @@ def display_for(console: Console, pilot: Pilot, onlookers: Onlookers, title: str
 
 
 def one_line(status: Status) -> str:
-    """A status as a line of text."""
+    """Return a status as a line of text."""
     tick = status.tick
     error = None if tick.r is None or tick.desired is None else tick.r - tick.desired
     turn = None if tick.turn_rate is None else degrees(tick.turn_rate)

@@ -1,5 +1,5 @@
-"""Endpoints as mavutil (`udpin:host:port`) and MAVSDK (`udpin://host:port`) write them, and what is said of one that
-cannot be opened."""
+"""Endpoints in the notation of mavutil (`udpin:host:port`) or MAVSDK (`udpin://host:port`), and their error
+messages."""
 
 import errno
 import socket
@@ -17,7 +17,8 @@ REMEDIES: dict[int | None, str] = {
 
 
 class LinkError(Exception):
-    """An endpoint that cannot be opened, in one line. `nobody` tells a peer that refuses from a local mistake."""
+    """One-line message: an endpoint that cannot be opened. nobody: True if the peer refused, False for a local
+    error."""
 
     def __init__(self, text: str, *, nobody: bool = False) -> None:
         super().__init__(text)
@@ -26,7 +27,7 @@ class LinkError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """A parsed endpoint: kind is `udpin`, `udpout`, `tcp` or `serial`; port is the baud rate of a serial line."""
+    """Parsed endpoint. kind: `udpin`, `udpout`, `tcp` or `serial`. port: for a serial line, the baud rate."""
 
     kind: str
     host: str
@@ -34,7 +35,7 @@ class Endpoint:
 
 
 def parse_endpoint(text: str) -> Endpoint:
-    """Read an endpoint in either spelling. Raises LinkError."""
+    """Parse an endpoint in either notation. Raises LinkError."""
     kind, sign, rest = text.partition(":")
     kind = {"udp": "udpin", "tcpout": "tcp"}.get(kind, kind)
     rest = rest.removeprefix("//")
@@ -57,7 +58,7 @@ def parse_endpoint(text: str) -> Endpoint:
 
 
 def _ipv6(host: str, text: str) -> str:
-    """The address in brackets. Raises LinkError."""
+    """Return the IPv6 address without its brackets. Raises LinkError."""
     try:
         if host.startswith("[") and host.endswith("]"):
             return str(IPv6Address(host[1:-1]))
@@ -67,16 +68,16 @@ def _ipv6(host: str, text: str) -> str:
 
 
 def resolve(endpoint: Endpoint) -> tuple[socket.AddressFamily, Any]:
-    """The address of an endpoint and its family; IPv4 for a name that has both. Raises OSError, UnicodeError."""
+    """Return the address family and address of an endpoint, preferring IPv4. Raises OSError, UnicodeError."""
     found = [(family, address) for family, *_, address in socket.getaddrinfo(endpoint.host, endpoint.port)]
     return min(found, key=lambda one: one[0] != socket.AF_INET)
 
 
 def explain(error: Exception) -> str:
-    """An OS error with what to do about it."""
-    if isinstance(error, termios.error):  # is no OSError, but has the same arguments
+    """Return the message of an OS error, with a remedy where one is known."""
+    if isinstance(error, termios.error):  # not an OSError, but has the same arguments
         error = OSError(*error.args)
-    if isinstance(error, socket.gaierror | UnicodeError):  # the second of `10.0..1`, which can be no name
+    if isinstance(error, socket.gaierror | UnicodeError):  # UnicodeError: `10.0..1` cannot be a name
         return "host name is not known"
     said = getattr(error, "strerror", None) or error
     return REMEDIES.get(getattr(error, "errno", None), str(said).lower())

@@ -1,4 +1,4 @@
-"""The signing key and its timestamp on disk."""
+"""Signing key and its timestamp on disk."""
 
 import os
 from codecs import BOM_UTF8
@@ -11,29 +11,30 @@ from circnav_mav.mav.signing import KEY_LENGTH, LATEST, SECOND, Signing
 from circnav_mav.runtime.clock import unix_time
 
 RESERVE = 10 * SECOND
-"""Lead of the file over the timestamp in use. A killed process resumes after every frame that it has signed or
-accepted, and far less ahead of other clocks than the minute at which frames are rejected."""
+"""Lead of the stored timestamp over the one in use. After a kill, the next process resumes later than any frame that
+was signed or accepted, and far less ahead of other clocks than the minute at which frames are rejected."""
 MAX_KEY_FILE = 4096
-"""Most bytes of a key file and of its timestamp."""
+"""Maximum size of a key file and of its timestamp file, bytes."""
 TEXT = frozenset(range(32, 127))
 REMEDY = "write 64 hex digits; of a passphrase: printf %s 'PASSPHRASE' | sha256sum | cut -c1-64"
 
 
 class KeyFileError(Exception):
-    """A key or its timestamp that cannot be used, in one line."""
+    """One-line message: a key or timestamp file that cannot be used."""
 
 
 def read_key(path: Path) -> bytes:
-    """The 32 bytes of a key file that nobody else can read: raw, or as 64 hex digits. Raises KeyFileError."""
+    """Return the 32-byte key of a file: raw bytes or 64 hex digits. Raises KeyFileError, also if other users can read
+    it."""
     try:
         mode = path.stat().st_mode
-        data = read_bytes(path, MAX_KEY_FILE).removeprefix(BOM_UTF8)  # of an editor on Windows
+        data = read_bytes(path, MAX_KEY_FILE).removeprefix(BOM_UTF8)  # added by Windows editors
     except OSError as error:
         raise KeyFileError(f"{path}: cannot be read: {error.strerror or error}") from None
     if mode & 0o077:
         raise KeyFileError(f"{path}: others can read this key (mode {mode & 0o777:o}): chmod 600 {path}")
     key = data
-    if TEXT.issuperset(data.strip()):  # a random key of 32 printable bytes is one in 1e14
+    if TEXT.issuperset(data.strip()):  # 1 of 1e14 random keys is 32 printable bytes
         try:
             key = bytes.fromhex(data.decode("ascii"))
         except ValueError:
@@ -46,16 +47,16 @@ def read_key(path: Path) -> bytes:
 
 
 def timestamp_path(key_file: Path) -> Path:
-    """Where the timestamp of a key is kept."""
+    """Return the path of the timestamp file of a key."""
     return key_file.with_name(f"{key_file.name}.timestamp")
 
 
 class SigningTime:
-    """Takes a signing timestamp along with the wall clock, and keeps it across restarts. A thread of its own writes, so
-    that a slow disk never delays a tick; a disk that fails is noted in `problem`."""
+    """Advances the signing timestamp with the wall clock and stores it across restarts. A separate thread writes, so
+    that a slow disk never delays a tick. A disk error is reported in `problem`."""
 
     def __init__(self, signing: Signing, path: Path, clock: Callable[[], float] = unix_time) -> None:
-        """Begin with the later of the clock and the file. Raises KeyFileError where the file cannot be kept."""
+        """Start from the later of clock and file. Raises KeyFileError if the file cannot be read or written."""
         self.problem: str | None = None
         self._signing, self._path, self._clock = signing, path, clock
         signing.resume(_stored(path))
@@ -68,14 +69,14 @@ class SigningTime:
         self._writer = ThreadPoolExecutor(1, "signing time")
 
     def turn(self) -> None:
-        """Once in every turn of the loop."""
+        """Advance the timestamp. Call in every step of the loop."""
         self._signing.advance(self._clock())
         if self._signing.timestamp > self._reserved - RESERVE // 2:
             self._reserved = self._signing.timestamp + RESERVE
             self._writer.submit(self._write, self._reserved)
 
     def close(self) -> None:
-        """Write what was really used last."""
+        """Store the timestamp that was last used, without the reserve."""
         self._writer.submit(self._write, self._signing.timestamp)
         self._writer.shutdown()
 
@@ -99,7 +100,7 @@ def _stored(path: Path) -> int:
 
 
 def _store(path: Path, timestamp: int) -> None:
-    """In one move, so that there is a whole file at every moment."""
+    """Replace the file atomically."""
     fresh = path.with_name(f"{path.name}.{os.getpid()}.tmp")
     with fresh.open("w", encoding="ascii") as file:
         file.write(f"{timestamp}\n")

@@ -1,5 +1,5 @@
-"""Links: UDP, TCP and serial lines behind one face. A link never raises while it is open: an unreachable network or a
-vanished device is silence, counted in words, and tried again."""
+"""UDP, TCP and serial links with one interface. An open link never raises. Errors of the network or the device are
+counted in `troubles`, and the link retries."""
 
 import errno
 import os
@@ -16,60 +16,60 @@ from circnav_mav.mav.identity import spelt
 from circnav_mav.runtime.endpoint import Endpoint, LinkError, explain, parse_endpoint, resolve
 
 MOST_BYTES = 1 << 15
-"""Bytes taken in one call, up to the end of a datagram: what is left stays in the socket for the next turn of the loop,
-which follows at once. A radio brings a hundredth of that in 50 ms, a simulator at twenty times real time some 20 kB; to
-decode it takes 5 ms, and 0.05 s of frames that somebody made up to take long, where 0.5 s without a step is a stall."""
+"""Bytes read in one call, up to the end of a datagram. The rest stays in the socket for the next step, which follows at
+once. In 50 ms a radio sends 1 % of this, a simulator at 20 times real time about 20 kB. Decoding takes 5 ms, or 0.05 s
+for frames made to be slow. A stall is 0.5 s without a step."""
 MOST_DATAGRAMS = 512
-"""Datagrams taken in one call, so that a flood cannot keep the loop from its tick."""
+"""Datagrams read in one call, so that a flood cannot delay a tick."""
 LONGEST = 8192
-"""Of a datagram that is read, bytes: five times what routers put into one. Longer ones are somebody's flood."""
+"""Longest datagram that is read, bytes: five times the size that routers pack. Longer ones are ignored."""
 RECEIVE_BUFFER = 1 << 18
-"""Of the socket, bytes; Linux counts the overhead, and doubles it. Room for 600 short datagrams, 0.2 s of a simulator
-at twenty times real time. In a flood that cannot be read as fast as it comes something is lost in any case, and what
-waits in a longer queue is only late: with 1 MB every range, and a takeover, came 1 s late."""
+"""Receive buffer of the socket, bytes (Linux counts the overhead and doubles it). It holds 600 short datagrams, 0.2 s
+of a simulator at 20 times real time. A flood loses data in any case, and a longer queue only adds delay: with 1 MB,
+ranges and a takeover were received 1 s late."""
 _MOST_HOSTS = 256
-"""Hosts whose verdict is kept: bounds the memory that a flood of addresses can fill."""
+"""Hosts for which the peer check is cached. Bounds the memory that a flood of addresses can use."""
 MOST_TROUBLES, NOT_HEARD = 4, "ignored: sent by others"
-"""Kinds of trouble from which on what others make up is no longer told one by one."""
+"""Number of different troubles beyond which further ones are counted under one text."""
 LOCAL_PORT = 14691
-"""Our local port for `udpout`: PX4 latches onto the first client port it hears, so a restart must use the same."""
+"""Local port for `udpout`. PX4 keeps sending to the first client port it received from, so a restart must reuse it."""
 RETRY = 1.0
-"""Time between two attempts to open it again, s."""
+"""Time between two attempts to reopen a link, s."""
 LOST = (OSError, ValueError, termios.error)
-"""What a serial device raises that is vanishing. pyserial's own error is an OSError; it passes on that of the terminal,
-which is none, where the device goes while it is being opened."""
+"""Exceptions of a serial device that is unplugged. The one of pyserial is an OSError, but while opening it passes on
+`termios.error`, which is not."""
 HALF_OPEN = 3.0
-"""Time, s, without acknowledgement after which a TCP connection counts as gone."""
+"""Time without acknowledgement, s, after which a TCP connection is closed."""
 CONNECT_PATIENCE = 5.0
-"""Time, s, that a TCP peer gets to answer; chosen."""
+"""Timeout for connecting to a TCP peer, s. Chosen."""
 
 
 class Link(Protocol):
-    """One open endpoint."""
+    """Open endpoint."""
 
     troubles: Counter[str]
-    """What went wrong since it was opened, in words, and how often."""
+    """Count of each error message since the link was opened."""
 
     def fileno(self) -> int | None:
-        """File descriptor to wait on, None while there is none."""
+        """Return the file descriptor to wait on, or None while closed."""
 
     def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
-        """What has come in, each with its source."""
+        """Return the received data, each item with its source."""
 
     def send(self, data: bytes, to: Hashable) -> None:
-        """Send to a source that was heard; None: to the endpoint's own peer, if it names one."""
+        """Send to a source that was received from. None: to the peer that the endpoint names, if any."""
 
     def close(self) -> None:
-        """Let go of the endpoint."""
+        """Close the endpoint."""
 
 
 def note(troubles: Counter[str], words: str, others: str) -> None:
-    """Count a trouble; under `others` where there are many kinds already."""
+    """Count an error message, or count it as `others` if there are many different ones already."""
     troubles[words if words in troubles or len(troubles) < MOST_TROUBLES else others] += 1
 
 
 def open_link(text: str, peers: Iterable[str] = ()) -> Link:
-    """Open an endpoint. peers: addresses and networks that `udpin` hears, none for all. Raises LinkError."""
+    """Open an endpoint. peers: addresses and networks that `udpin` accepts, empty for all. Raises LinkError."""
     endpoint = parse_endpoint(text)
     try:
         if endpoint.kind == "serial":
@@ -83,11 +83,11 @@ def open_link(text: str, peers: Iterable[str] = ()) -> Link:
 
 
 class UdpLink:
-    """`udpin` waits on a port and answers whom the pilot has chosen; `udpout` speaks to one address and hears no other:
-    a vehicle that still speaks to LOCAL_PORT must not be heard while another one is commanded."""
+    """UDP socket. `udpin` binds a port and sends to the source that the pilot selected. `udpout` exchanges datagrams
+    with one address only: another vehicle may still send to LOCAL_PORT while this one is commanded."""
 
     def __init__(self, endpoint: Endpoint, peers: Iterable[str]) -> None:
-        """peers: addresses and networks that `udpin` hears, none for all. Raises OSError, UnicodeError."""
+        """peers: addresses and networks that `udpin` accepts, empty for all. Raises OSError, UnicodeError."""
         self.troubles: Counter[str] = Counter()
         networks = [ip_network(peer, strict=False) for peer in peers]
         self._accepts = lru_cache(_MOST_HOSTS)(lambda host: not networks or any(_ip(host) in one for one in networks))
@@ -107,14 +107,14 @@ class UdpLink:
 
     @property
     def port(self) -> int:
-        """The local port."""
+        """Local port."""
         return int(self._socket.getsockname()[1])
 
     def fileno(self) -> int | None:
         return self._socket.fileno()
 
     def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
-        """The datagrams that have come in, each with its sender."""
+        """Return the received datagrams, each with its sender."""
         datagrams: list[tuple[bytes, Hashable]] = []
         room = MOST_BYTES
         for _ in range(MOST_DATAGRAMS):
@@ -137,7 +137,7 @@ class UdpLink:
         return datagrams
 
     def send(self, data: bytes, to: Hashable) -> None:
-        """Send one datagram to the chosen peer, or to the address of `udpout`."""
+        """Send one datagram to the selected peer, or to the address of `udpout`."""
         address: Any = self._peer or to
         if address is None:
             return
@@ -150,7 +150,7 @@ class UdpLink:
         self._socket.close()
 
     def _refuse(self, words: str) -> None:
-        """Count what somebody else has sent, and what is too long."""
+        """Count a datagram that is ignored: an unknown sender, or too long."""
         note(self.troubles, words, NOT_HEARD)
 
     def _bind_local(self) -> None:
@@ -161,14 +161,15 @@ class UdpLink:
 
 
 def _ip(host: str) -> Any:
-    """The address of a sender; one of IPv4 that came in on an IPv6 socket is what it was."""
+    """Return the address of a sender. An IPv4 address mapped by an IPv6 socket is converted back."""
     address = ip_address(host)
     return (address.ipv4_mapped or address) if isinstance(address, IPv6Address) else address
 
 
 def _same(peer: Any, source: Any) -> bool:
-    """Whether these are one address. This computer answers as 127.0.0.1 to whoever spoke to 0.0.0.0, or to its own
-    name, which many systems resolve to 127.0.1.1."""
+    """True if both are the same address."""
+    # This computer replies from 127.0.0.1 if a client sent to 0.0.0.0 or to its host name, which many systems resolve
+    # to 127.0.1.1.
     return bool(peer[1] == source[1]) and (peer[0] == source[0] or (_is_here(peer[0]) and _is_here(source[0])))
 
 
@@ -177,11 +178,11 @@ def _is_here(host: str) -> bool:
 
 
 class StreamLink:
-    """A socket or a pyserial port; opened again once a second after the other side has gone."""
+    """TCP socket or pyserial port. After the other side closed, it is reopened once a second."""
 
     def __init__(self, source: Hashable, port: Any, reopen: Callable[[], Any], read: Callable[[Any], bytes]) -> None:
-        """source: what bytes of it come from. reopen, read: never wait, and raise one of LOST. read: b"" where nothing
-        has come in."""
+        """source: sender of all its bytes. reopen, read: must not block, and raise one of LOST. read: returns b"" if
+        nothing was received."""
         self.troubles: Counter[str] = Counter()
         self._source, self._port, self._reopen, self._read = source, port, reopen, read
         self._retry_at = float("-inf")
@@ -190,7 +191,7 @@ class StreamLink:
         return int(self._port.fileno()) if self._port else None
 
     def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
-        """The bytes that have come in. Its end closes it; a later call opens it again."""
+        """Return the received bytes. Close the port on an error; a later call reopens it."""
         if self._port is None:
             if now >= self._retry_at:
                 self._retry_at = now + RETRY
@@ -207,7 +208,7 @@ class StreamLink:
         return [(data, self._source)] if data else []
 
     def send(self, data: bytes, to: Hashable) -> None:
-        """Send; a full buffer loses the bytes rather than delay the loop."""
+        """Send without blocking. If the buffer is full, the bytes are lost."""
         if self._port is None:
             return
         try:
@@ -216,15 +217,15 @@ class StreamLink:
             self.troubles[explain(error)] += 1
 
     def close(self) -> None:
-        """Close it; a device that has vanished may refuse that, too."""
+        """Close the port, ignoring the errors of an unplugged device."""
         if self._port is not None:
             with suppress(*LOST):
                 self._port.close()
 
 
 def _open_tcp(endpoint: Endpoint) -> StreamLink:
-    """A client of a TCP server (SITL: port 5760). Raises OSError, UnicodeError."""
-    family, address = resolve(endpoint)  # once: a lookup may block or fail
+    """Connect to a TCP server (SITL: port 5760). Raises OSError, UnicodeError."""
+    family, address = resolve(endpoint)  # resolve only once: a lookup may block or fail
     connection = socket.socket(family, socket.SOCK_STREAM)
     connection.settimeout(CONNECT_PATIENCE)
     try:
@@ -237,7 +238,7 @@ def _open_tcp(endpoint: Endpoint) -> StreamLink:
 
 
 def _connect(family: socket.AddressFamily, address: Any) -> socket.socket:
-    """A connection on its way up."""
+    """Begin to connect, without waiting. Raises OSError."""
     attempt = socket.socket(family, socket.SOCK_STREAM)
     _prepare(attempt)
     if (code := attempt.connect_ex(address)) not in (0, errno.EINPROGRESS):
@@ -247,8 +248,8 @@ def _connect(family: socket.AddressFamily, address: Any) -> socket.socket:
 
 
 def _prepare(connection: socket.socket) -> None:
-    """Never wait, never gather: a setpoint leaves at once. A peer that vanished without a word is noticed by what it
-    does not acknowledge, for we say something every second."""
+    """Disable blocking and Nagle's algorithm, so that a setpoint is sent at once, and set the timeout HALF_OPEN."""
+    # We send every second. A peer that vanished without closing is detected by the missing acknowledgements.
     connection.setblocking(False)
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux
@@ -266,8 +267,8 @@ def _received(connection: socket.socket) -> bytes:
 
 
 def _open_serial(endpoint: Endpoint) -> StreamLink:
-    """A serial line through pyserial. Raises LOST, ImportError."""
-    from serial import Serial  # another package is named `serial`, too: it lacks this name
+    """Open a serial line with pyserial. Raises LOST, ImportError."""
+    from serial import Serial  # another package named `serial` lacks this class
 
     def open_port() -> Any:
         return Serial(endpoint.host, endpoint.port, timeout=0, write_timeout=0)

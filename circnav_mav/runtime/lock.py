@@ -1,4 +1,4 @@
-"""Files by which processes tell each other that a folder is in use. The lock goes with the process, however it ends."""
+"""Lock files that mark a folder as in use by a process. The lock ends with the process, even if it is killed."""
 
 from pathlib import Path
 from typing import IO, Any
@@ -7,8 +7,8 @@ from circnav_mav.foreign import open_file
 
 
 def lock(file: IO[Any], *, shared: bool = False) -> bool:
-    """Hold an open file until it is closed; False where another process does. shared: beside others that only look. A
-    system or disk without locks is taken as it is."""
+    """Lock an open file until it is closed. Return False if another process holds it. shared: for reading, beside other
+    readers. True on a system or disk without locks."""
     try:
         import fcntl  # not on Windows
 
@@ -21,6 +21,6 @@ def lock(file: IO[Any], *, shared: bool = False) -> bool:
 
 
 def is_held(path: Path) -> bool:
-    """Whether a process holds a file. Raises OSError."""
+    """True if a process holds the lock of a file. Raises OSError."""
     with open_file(path) as file:
         return not lock(file, shared=True)

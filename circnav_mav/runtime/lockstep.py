@@ -1,5 +1,5 @@
-"""Simulated time: a vehicle in this process and the pilot, one step at a time, with MAVLink bytes between them. It goes
-on only when both have answered: a flight is the same to the last digit on any computer. A pace only waits."""
+"""Simulated time: a vehicle in this process and the pilot alternate and exchange MAVLink bytes. Time advances only when
+both are done, so a flight is bit-identical on any computer. A finite speed only adds waits."""
 
 from collections import Counter
 from collections.abc import Hashable
@@ -11,62 +11,62 @@ from circnav_mav.runtime.clock import Clock, steady
 from circnav_mav.runtime.links import Link
 
 MAIN, RADIO = "main", "ranging"
-"""The vehicle's own names of its links."""
+"""Link names of the emulated vehicle."""
 SOURCE = "sim"
 ON_TIME = 1e-3
-"""Time of the run, s, by which a wait may end early and still count as waited to its end."""
+"""Run time, s, by which a wait may end early and still count as complete."""
 MOST_LATE = 0.5
-"""Real time, s, that a paced run catches up after it was held up. The rest is left out, as after a night's sleep."""
+"""Longest delay that a paced run catches up, in real time, s. The rest of a longer one is skipped."""
 
 
 class Vehicle(Protocol):
-    """What the emulator offers."""
+    """Interface of the emulator."""
 
     @property
     def next_event(self) -> float:
-        """Simulated time at which it does something next, s."""
+        """Simulated time of its next event, s."""
 
     def advance(self, until: float) -> None:
-        """Fly to a simulated time, s."""
+        """Simulate up to this time, s."""
 
     def receive(self, data: bytes, link: str) -> None:
-        """Take in what was sent to it on one of its links."""
+        """Process data that was sent to one of its links."""
 
     def outgoing(self, link: str) -> list[bytes]:
-        """The frames that it has sent on a link since the last call."""
+        """Return the frames sent on a link since the last call."""
 
 
 class Lockstep(Clock):
-    """The clock of such a flight; it carries the vehicle along."""
+    """Clock of simulated time. Advancing it advances the vehicle."""
 
     longest_wait = inf
 
     def __init__(self, vehicle: Vehicle, speed: float = inf, *, others: bool = False) -> None:
-        """speed: simulated seconds per real second; infinite: as fast as the computer allows. others: whether something
-        else is heard too, such as a real radio: then time keeps up with it, and skips over what a pause held up."""
+        """speed: simulated seconds per real second, infinite for as fast as possible. others: True if there are real
+        links too, such as a radio. Then simulated time follows real time, also across a pause."""
         super().__init__(speed)
         self._vehicle, self._others = vehicle, others
         self._now = 0.0
 
     def links(self, *, ranging_apart: bool) -> dict[str, Link]:
-        """The vehicle's links as the pilot has them."""
+        """Return the vehicle's links by the pilot's names. ranging_apart: include the separate ranging link."""
         names = {VEHICLE: MAIN} | ({RANGING: RADIO} if ranging_apart else {})
         return {ours: VehicleLink(self._vehicle, theirs) for ours, theirs in names.items()}
 
     def now(self) -> float:
-        """Simulated seconds since the start of the run."""
+        """Return the simulated seconds since the start of the run."""
         return self._now
 
     real = now
-    """Simulated seconds, too: no step of a simulated flight takes any time."""
+    """Execution time, in simulated seconds: a step of a simulated flight takes no time."""
 
     def until(self, moment: float) -> float:
-        """Real seconds to wait for the next thing that happens, at a moment at the latest; 0 without a pace."""
+        """Return the real seconds until the next event, or until `moment` if earlier; 0 if the speed is infinite."""
         return max((self.next_event(moment) - self._paced()) / self.speed, 0.0) if isfinite(self.speed) else 0.0
 
     def advance(self, moment: float) -> None:
-        """On to the next thing that happens, at a moment at the latest; less far if the pace has not come there yet,
-        as when a signal cut the wait short."""
+        """Advance to the next event, or to `moment` if earlier, but not ahead of the pace: a signal may have ended the
+        wait early."""
         due = self.next_event(moment)
         if self._others:
             due = max(self._paced(), self._now)
@@ -76,35 +76,35 @@ class Lockstep(Clock):
                 due = max(due - early, self._now)
             self._start += max(-early / self.speed - MOST_LATE, 0.0)
         micros = ceil(due * 1e6)
-        micros += micros / 1e6 < due  # a product rounded down would be a time before the tick that is due, for ever
+        micros += micros / 1e6 < due  # rounded down, the time would stay before the due tick forever
         self._now = micros / 1e6
         self._vehicle.advance(self._now)
 
     def next_event(self, moment: float) -> float:
-        """Return the time of the next thing that happens, s, a moment at the latest."""
+        """Return the time of the next event, or `moment` if earlier, s."""
         return max(min(self._vehicle.next_event, moment), self._now)
 
     def _paced(self) -> float:
-        """Simulated time that the pace has come to."""
+        """Return the simulated time that corresponds to the real time."""
         return (steady() - self._start) * self.speed
 
 
 class VehicleLink:
-    """One of the vehicle's links, from our side."""
+    """Pilot's end of one of the vehicle's links."""
 
     def __init__(self, vehicle: Vehicle, name: str) -> None:
         self.troubles: Counter[str] = Counter()
         self._vehicle, self._name = vehicle, name
 
     def fileno(self) -> None:
-        """There is nothing to wait on."""
+        """Return None: there is no descriptor to wait for."""
 
     def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
-        """Whole frames that the vehicle has sent, each a datagram."""
+        """Return the whole frames that the vehicle has sent, one per datagram."""
         return [(frame, SOURCE) for frame in self._vehicle.outgoing(self._name)]
 
     def send(self, data: bytes, to: Hashable) -> None:
         self._vehicle.receive(data, self._name)
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing: no resource is open."""

@@ -1,7 +1,7 @@
-"""The seam for what watches a flight from outside: the live page, the survey and other extras.
+"""Interface for extras that observe a flight: the live page, the survey and others.
 
-An onlooker is shown every step of the loop, and an error in it never ends the flight. The one thing that it may ask of
-the pilot is another circle, which the pilot checks; an import contract keeps that from those that know positions.
+An onlooker receives every step of the loop, and an error in it never ends the flight. Its only influence on the pilot
+is a request for another circle, which the pilot checks. An import contract denies that to extras that use positions.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,9 +19,9 @@ from circnav_mav.pilot.loop_step import LoopStep
 class Onlooker:
     """Base class of onlookers: every method does nothing.
 
-    name: for messages about the onlooker. pace: the speed (times real time) at which the bundled vehicle should fly for
-    it; None if it does not matter. busy: True to keep the loop running after guidance has ended. called_off: True once
-    a signal has asked for the end of the program. problem: what has failed, in one line.
+    name: for messages about the onlooker. pace: speed that it needs of the bundled vehicle, times real time, None for
+    any. busy: True to keep the loop running after guidance has ended. called_off: True after a signal to end the
+    program. problem: failure, in one line.
     """
 
     name = "onlooker"
@@ -31,42 +31,42 @@ class Onlooker:
     problem: str | None = None
 
     def start(self, epoch_us: int) -> None:
-        """Begin: the clock was started. epoch_us: Unix time of run time zero, us."""
+        """Called when the clock starts. epoch_us: Unix time of run time zero, us."""
 
     def on_step(self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None) -> Sequence[bytes]:
-        """Take in a step and the newest tick. Return frames to send to the vehicle, from a component of its own."""
+        """Process a step and the newest tick. Return frames to send to the vehicle, from a separate component id."""
         return ()
 
     def take_exchanged(self) -> Sequence[bytes]:
-        """Return frames exchanged with others than the vehicle since the last step: recorded, and never sent to it."""
+        """Return frames exchanged with other systems since the last step: recorded, never sent to the vehicle."""
         return ()
 
     def circle_requests(self, now: float) -> Sequence[CircleRequest]:
-        """Return requests for another circle, for a fleet that spaces itself."""
+        """Return requests for another circle, as a fleet needs for its spacing."""
         return ()
 
     def facts(self, now: float) -> Mapping[str, str]:
-        """Return lines for the display and the live page, by their labels."""
+        """Return lines for the display and the live page, by label."""
         return {}
 
     def alarms(self, now: float) -> Mapping[str, str]:
-        """Return the alarms of now by name: rows of the extra's own table of conditions."""
+        """Return the active alarms by name: rows of the extra's own table of conditions."""
         return {}
 
     def finish(self, summary: dict[str, Any]) -> Mapping[str, str]:
-        """Add to the summary, lines of the verdict to summary["notes"]. Return files for the run folder, by name."""
+        """Add keys to the summary, and verdict lines to summary["notes"]. Return files for the run folder, by name."""
         return {}
 
     def show_verdict(self, verdict: str) -> None:
-        """Show the verdict: the flight is over and recorded."""
+        """Show the verdict. Called after the flight is recorded."""
 
     def close(self) -> None:
-        """Release what was opened."""
+        """Release all resources."""
 
 
 @dataclass(frozen=True, slots=True)
 class OnlookerSettings:
-    """Everything that an onlooker may use. options: of `circnav fly`, by name. others: all onlookers of the flight."""
+    """Inputs of an onlooker. options: those of `circnav fly`, by name. others: all onlookers of the flight."""
 
     mission: Mission
     pilot: Pilot
@@ -77,7 +77,7 @@ class OnlookerSettings:
 
 @dataclass(slots=True)
 class Onlookers:
-    """The onlookers of a flight. One that fails is shown no more steps. problems: what has failed, a line each."""
+    """Onlookers of a flight. One that fails receives no more steps. problems: failures, one line each."""
 
     attached: list[Onlooker] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
@@ -85,12 +85,12 @@ class Onlookers:
 
     @property
     def pace(self) -> float | None:
-        """Speed at which the bundled vehicle should fly, times real time; None if it does not matter."""
+        """Lowest speed that an onlooker needs of the bundled vehicle, times real time; None for any."""
         return min((onlooker.pace for onlooker in self.attached if onlooker.pace is not None), default=None)
 
     @property
     def busy(self) -> bool:
-        """True while an onlooker has something to do after guidance has ended."""
+        """True while an onlooker still has work after guidance has ended."""
         return any(self._guarded(onlooker, "", lambda one=onlooker: one.busy) for onlooker in self._working())
 
     def start(self, epoch_us: int) -> None:
@@ -101,7 +101,7 @@ class Onlookers:
     def on_step(
         self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None, *, called_off: bool = False
     ) -> list[bytes]:
-        """Show a step to every onlooker. Return the frames to send to the vehicle."""
+        """Pass a step to every onlooker. Return the frames to send to the vehicle."""
         frames: list[bytes] = []
         for onlooker in self._working():
             onlooker.called_off = called_off
@@ -109,7 +109,7 @@ class Onlookers:
         return frames
 
     def take_exchanged(self, now: float) -> list[bytes]:
-        """Return the frames that onlookers exchanged with others than the vehicle, for the recorder."""
+        """Return the frames that onlookers exchanged with other systems than the vehicle, for the recorder."""
         frames: list[bytes] = []
         for onlooker in self._working():
             frames += self._guarded(onlooker, _at(now), onlooker.take_exchanged) or ()
@@ -123,14 +123,14 @@ class Onlookers:
         return requests
 
     def facts(self, now: float) -> dict[str, str]:
-        """Return the lines of all onlookers, by their labels."""
+        """Return the lines of all onlookers, by label."""
         lines: dict[str, str] = {}
         for onlooker in self._working():
             lines |= self._guarded(onlooker, _at(now), onlooker.facts, now) or {}
         return lines
 
     def alarms(self, now: float) -> dict[str, str]:
-        """Return the alarms of all onlookers by name, and which onlookers have failed."""
+        """Return the alarms of all onlookers by name, and one that lists failed onlookers."""
         alarms: dict[str, str] = {}
         for onlooker in self._working():
             alarms |= self._guarded(onlooker, _at(now), onlooker.alarms, now) or {}
@@ -149,7 +149,7 @@ class Onlookers:
             self._guarded(onlooker, " at the end", onlooker.show_verdict, verdict)
 
     def all_problems(self) -> Iterator[str]:
-        """Yield what has failed, a line each."""
+        """Yield all failures, one line each."""
         yield from self.problems
         yield from filter(None, (onlooker.problem for onlooker in self.attached))
 
@@ -163,7 +163,7 @@ class Onlookers:
         return [onlooker for onlooker in self.attached if id(onlooker) not in self._failed]
 
     def _guarded(self, onlooker: Onlooker, when: str, call: Callable[..., Any], *arguments: Any) -> Any:
-        """Return the result of a call, None if it failed: from then on the onlooker is shown no more steps."""
+        """Return the result of a call, or None if it raised. After that the onlooker receives no more steps."""
         try:
             return call(*arguments)
         except Exception as error:

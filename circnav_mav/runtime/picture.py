@@ -1,5 +1,5 @@
-"""The picture that a terminal shows of a flight: 80 columns or as many as it has, at most 23 rows; words, not colours,
-carry the meaning."""
+"""Live picture of a flight on a terminal: at least 80 columns, at most 23 rows. Colors only repeat what the words
+state."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -18,15 +18,15 @@ from circnav_mav.runtime.status import SILENCED, Status, told
 
 STYLES = {Phase.ENGAGED: "green", Phase.HOLDING: "yellow", Phase.YIELDED: "magenta", Phase.LEAVING: "cyan"}
 NARROWEST, WIDEST = 80, 160
-"""Columns of the narrowest and the widest picture: a terminal's usual width, and twice that."""
+"""Width limits of the picture, columns: the usual width of a terminal, and twice that."""
 BAR = 41
-"""Cells of a bar on the narrowest, an odd number: the middle one is a place of its own."""
+"""Cells of a bar in the narrowest picture. Odd, so that there is a middle cell."""
 CELLS, CELL = 40, 1.5
-"""Cells of the sparkline on the narrowest, and the time that each stands for, s."""
+"""Cells of the sparkline in the narrowest picture, and the time that each covers, s."""
 ALARM, LABEL = "ALARM", 12
-"""The label of an alarm, and the columns of all labels."""
+"""Label of an alarm, and width of all labels, columns."""
 MOST_ALARMS, MOST_REASONS = 3, 3
-"""Alarms and reasons of rejected ranges that the picture has room for."""
+"""Alarms, and reasons for rejected ranges, that fit into the picture."""
 HOW_TO_STOP = "Ctrl-C ends the flight. Any other flight mode: circnav stops sending."
 
 
@@ -35,7 +35,7 @@ Row = tuple[str, str | Text]
 
 @dataclass(frozen=True, slots=True)
 class Signs:
-    """The characters that pictures are made of. levels: of a sparkline, low to high."""
+    """Characters of the picture. levels: bars of the sparkline, low to high."""
 
     line: str
     middle: str
@@ -49,7 +49,7 @@ ASCII = Signs("-", "|", "O", "_.-=+*%#", "+-")
 
 
 class Picture:
-    """Draws the statuses of one flight; remembers the error for its sparkline."""
+    """Draws the statuses of one flight, and keeps the recent radius errors for the sparkline."""
 
     def __init__(self, settings: PilotSettings, name: str, *, ascii_only: bool) -> None:
         self._settings, self._signs = settings, ASCII if ascii_only else FINE
@@ -58,8 +58,8 @@ class Picture:
         self._width = NARROWEST
 
     def draw(self, status: Status, columns: int = NARROWEST) -> Panel:
-        """The picture of now. Alarms are near the top: a terminal that is too low shows no more than the first rows.
-        columns: of the terminal."""
+        """Return the picture of a status. columns: width of the terminal. Alarms are near the top, because a low
+        terminal shows only the first rows."""
         self._width = min(max(columns, NARROWEST), WIDEST)
         folded = self._folded(status.alarms[:MOST_ALARMS])
         alarms: list[Row] = [(ALARM, Text(line, "bold reverse red")) for line in folded]
@@ -85,13 +85,13 @@ class Picture:
         )  # fmt: skip
 
     def _phase(self, status: Status, flown: str) -> list[Row]:
-        """Phase, mode and time, and whether anything is sent at all."""
+        """Return the rows of phase, mode and time flown, and a notice if nothing is sent."""
         badge, mode = (f" {status.phase.upper()} ", f"bold reverse {_style(status)}"), self._settings.output_mode
         rows: list[Row] = [("phase", Text.assemble(badge, f"  mode {status.tick.mode}", flown and f"   {flown}"))]
         return [*rows, ("", Text(SILENCED[mode], "bold"))] if mode in SILENCED else rows
 
     def _circle(self, tick: TickRecord, facts: dict[str, str]) -> list[Row]:
-        """Range, error, rate and turn."""
+        """Return the rows of range, radius error, range rate and turn rate."""
         desired, limit = tick.desired or self._settings.orbit.radius, self._settings.orbit.max_turn_rate
         share = None if tick.r is None else tick.r / desired - 1
         to_right = None if tick.turn_rate is None else yaw_rate_from_turn_rate(TurnRate(tick.turn_rate)) / limit
@@ -106,7 +106,7 @@ class Picture:
         ]
 
     def _bar(self, share: float | None) -> str:
-        """A line with a mark at -1 .. 1, kept at its ends beyond that."""
+        """Return a bar with a mark at `share`, -1 to 1, limited to its ends."""
         signs, half = self._signs, (BAR + self._width - NARROWEST) // 2
         cells = [signs.line] * (2 * half + 1)
         cells[half] = signs.middle
@@ -116,7 +116,7 @@ class Picture:
         return "".join(cells)
 
     def _sparkline(self, tick: TickRecord, desired: float) -> str:
-        """The size of the error over the last minute or more: the largest of each cell."""
+        """Return a sparkline of the radius error over at least the last minute: the largest of each cell."""
         if tick.r is None:
             return ""
         error, cell = abs(tick.r - desired), int(tick.time / CELL)
@@ -131,7 +131,7 @@ class Picture:
         return f"   {''.join(line)} full {full:.1f} m"
 
     def _folded(self, texts: Iterable[str]) -> list[str]:
-        """Texts in lines that fit, two for each at most."""
+        """Return the texts as lines that fit, at most two lines each."""
         room = self._width - LABEL - 4
         return [line for text in texts for line in wrap(printable(text), room, max_lines=2, placeholder=" ...")]
 

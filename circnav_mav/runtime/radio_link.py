@@ -1,5 +1,5 @@
-"""A ranging radio behind its driver, as a link that hears RANGING_BEACON: its readings take the one way that ranges
-have, through the same checks, into the same log and replay."""
+"""Link to a ranging radio with a driver. Each reading becomes a RANGING_BEACON frame, so that it passes the same
+checks, log and replay as ranges over MAVLink."""
 
 from collections import Counter
 from collections.abc import Hashable, Iterable
@@ -14,22 +14,22 @@ from circnav_mav.runtime.endpoint import LinkError, parse_endpoint
 from circnav_mav.runtime.links import Link, note, open_link
 
 SYSTEM, COMPONENT = 1, dialect.MAV_COMP_ID_ONBOARD_COMPUTER2
-"""The ids under which a driver's readings are logged: those of a radio on the companion in docs/own-vehicle.md."""
+"""MAVLink ids of a driver's readings in the log: the radio on the companion computer in docs/own-vehicle.md."""
 UNKNOWN, NO_PLACE = 0xFFFFFFFF, 0x7FFFFFFF
-"""Numbers of RANGING_BEACON that stand for nothing known (UINT32_MAX and INT32_MAX)."""
+"""Values of RANGING_BEACON that mean unknown: UINT32_MAX and INT32_MAX."""
 LONGEST_STAMP = 1e12
-"""Seconds: what is beyond is no time."""
+"""Largest timestamp that is forwarded, s. A larger one is invalid."""
 MOST_WORDS = 200
-"""Characters of an error of a driver, which may have all its bytes in it."""
+"""Characters of a driver's error that are kept: it may contain all its input."""
 WATCHED, MANY = 2.0, 64
-"""Time, s, without a reading and bytes not understood in it, from which on that is said."""
+"""Time without a reading, s, and number of undecoded bytes in it, from which a wrong baud rate is reported."""
 
 
 class RadioLink:
-    """The readings of a driver as frames, each from a source of its beacon's."""
+    """Readings of a driver as frames. Each beacon is a separate source."""
 
     def __init__(self, name: str, driver: Driver, link: Link, *, datagrams: bool) -> None:
-        """datagrams: whether what comes in ends with each datagram; else it is a stream."""
+        """datagrams: True if each datagram is a complete line, False for a byte stream."""
         self.troubles: Counter[str] = link.troubles
         self._name = name
         self._driver = driver
@@ -41,7 +41,7 @@ class RadioLink:
         self._unread = 0
         if self._line_end:
             try:
-                driver.receive(self._line_end, 0.0)  # the first datagram begins a line
+                driver.receive(self._line_end, 0.0)  # so that the first datagram begins a line
             except FAILURES as error:
                 self._failed(error)
 
@@ -49,20 +49,20 @@ class RadioLink:
         return self._link.fileno()
 
     def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
-        """A frame of each new reading."""
+        """Return a frame for each new reading."""
         return [
             (self._frame(reading), f"{spelt(source)} beacon {reading.beacon}") for reading, source in self.read(now)
         ]
 
     def read(self, now: float) -> list[tuple[RadioReading, Hashable]]:
-        """The new readings and where they came from. A driver that fails is a trouble, and loses these bytes."""
+        """Return the new readings with their sources. If the driver raises, count a trouble and drop these bytes."""
         readings: list[tuple[RadioReading, Hashable]] = []
         try:
             if words := self._driver.ask(now):
                 self._link.send(words, None)
         except FAILURES as error:
             self._failed(error)
-        # Read also after a question that failed: bytes left in the socket would wake the loop at once, for ever.
+        # Read even if `ask` raised: bytes left in the socket would wake the loop at once, again and again.
         for data, source in self._link.receive(now):
             whole = data if data.endswith(self._line_end) else data + self._line_end
             try:
@@ -76,7 +76,7 @@ class RadioLink:
         return readings
 
     def send(self, data: bytes, to: Hashable) -> None:
-        """Nothing: a radio behind a driver does not speak MAVLink."""
+        """Do nothing: a radio with a driver does not use MAVLink."""
 
     def close(self) -> None:
         self._link.close()
@@ -86,7 +86,7 @@ class RadioLink:
         note(self.troubles, f"{failed}: {error!r:.{MOST_WORDS}}", f"{failed} in other ways")
 
     def _watch(self, heard: bool, now: float) -> None:
-        """Say where bytes come in and none of them is a range: another speed, or another radio."""
+        """Count a trouble if bytes arrive but no range: probably a wrong baud rate or driver."""
         if not heard and self._since is not None:
             if now - self._since < WATCHED:
                 return
@@ -108,15 +108,15 @@ class RadioLink:
 
 
 def _millimetres(metres: float | None) -> int:
-    """As RANGING_BEACON carries it, the largest number for none."""
+    """Return a length in mm for RANGING_BEACON, UNKNOWN if there is none."""
     if metres is None or not isfinite(metres) or metres <= 0:
         return UNKNOWN
     return round(min(1000 * metres, UNKNOWN - 1))
 
 
 def radio_port(endpoint: str) -> tuple[str, Driver, str]:
-    """Driver and link of `linktrack:/dev/ttyUSB0`: a device is a serial line at the driver's speed unless it says
-    another. Raises LinkError."""
+    """Return driver name, driver and link endpoint of an endpoint such as `linktrack:/dev/ttyUSB0`. A device without a
+    baud rate uses the driver's. Raises LinkError."""
     name, port = split_driver(endpoint)
     if name is None:
         raise LinkError(f"endpoint {endpoint!r}: names no driver, write it as linktrack:/dev/ttyUSB0")
@@ -131,6 +131,6 @@ def radio_port(endpoint: str) -> tuple[str, Driver, str]:
 
 
 def open_radio(endpoint: str, peers: Iterable[str] = ()) -> RadioLink:
-    """Open the port of a radio. peers: addresses and networks that `udpin` hears, none for all. Raises LinkError."""
+    """Open the port of a radio. peers: addresses and networks that `udpin` accepts, empty for all. Raises LinkError."""
     name, driver, port = radio_port(endpoint)
     return RadioLink(name, driver, open_link(port, peers), datagrams=port.startswith("udp"))

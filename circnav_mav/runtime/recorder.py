@@ -1,13 +1,13 @@
-"""The run folder: flight.tlog, turns.csv and ticks.csv, written by a thread of their own so that a slow disk never
+"""Recorder of the run folder: flight.tlog, turns.csv and ticks.csv. A separate thread writes, so that a slow disk never
 delays a tick.
 
-A tlog is big-endian microseconds since 1970 and the raw frame, repeated: Mission Planner, MAVExplorer and MAVProxy
-open it. turns.csv says of each step of the loop what a tlog cannot: its time, from which link and source its frames
-came, and how many of them are ours; with both, a replay is exact. Signatures stay out of it, as MAVLink's guide wants
-it: a replay needs no key. Nothing stays in a buffer: a killed process loses what still waits for the disk, no more.
+A tlog repeats a timestamp (big-endian microseconds since 1970) and a raw frame. Mission Planner, MAVExplorer and
+MAVProxy open it. turns.csv holds what a tlog cannot: the time of each step of the loop, the link and source of its
+frames, and how many of them circnav sent. With both, a replay is exact. Signatures are removed, as MAVLink's guide
+recommends, so that a replay needs no key. Files are flushed: a killed process loses only what waits for the disk.
 
-A run folder is bounded: first the frames stop (flight.tlog and turns.csv, which stay a whole, shorter flight for every
-reader), the last part is for the ticks alone.
+The size of a run folder is bounded. First the frames stop (flight.tlog and turns.csv, which remain a complete, shorter
+flight). The rest is reserved for ticks.
 """
 
 import csv
@@ -26,38 +26,40 @@ from circnav_mav.pilot.loop_step import HELD_BACK, LoopStep, requests_text
 from circnav_mav.runtime.lock import lock
 
 FRAMES_SHARE = 0.75
-"""Part of the bound at which frames are no longer recorded, so that the ticks of a long flight find room."""
+"""Fraction of the size bound at which recording of frames stops, so that the ticks of a long flight fit."""
 MOST_WAITING = 20_000
-"""Steps and ticks that wait for a slow disk, some minutes of flight, before new ones are lost."""
+"""Queue length (steps and ticks, some minutes of flight) beyond which new items are dropped on a slow disk."""
 MOST_SOURCES = 1000
-"""Senders told apart in turns.csv."""
+"""Distinct senders that turns.csv numbers."""
 CLOSE_PATIENCE = 10.0
-"""Time, s, that a slow disk is given at the end."""
+"""Timeout for a slow disk at the end, s."""
 TICK_COLUMNS = TickRecord._fields
 TURN_COLUMNS = ("time_us", "heard", "said", "hello", "interrupt", "attached", "requests", "exchanged")
-"""heard: link initial, number of the source and count of whole frames of each datagram, as in `v0*2 r1*1`. said, hello:
-frames of ours; HELD_BACK: what there was to say was not sent; attached: frames of onlookers; requests: for another
-circle, as JSON; exchanged: frames between onlookers and others than the vehicle. The tlog holds the frames of a step in
-this order."""
+"""Columns of turns.csv. The tlog holds the frames of a step in this order.
+
+heard: received datagrams, each as link initial, source number and count of whole frames, as in `v0*2 r1*1`.
+said, hello: number of frames sent; HELD_BACK: the commands of this step were not sent.
+interrupt: signal that ended the flight. attached: number of frames of onlookers.
+requests: requests for another circle, JSON. exchanged: number of frames between onlookers and other systems."""
 
 
 class RecorderError(Exception):
-    """A run folder that cannot be written, in one line."""
+    """One-line message: a run folder that cannot be written."""
 
 
 class TakenError(RecorderError):
-    """Somebody records there."""
+    """Another flight is recorded in this folder."""
 
 
 class Recorder:
-    """Writes what it is given, in that order. A disk that fails is noted in `problem`; the flight goes on."""
+    """Writes steps and ticks in order. A disk error is reported in `problem`, and the flight continues."""
 
     def __init__(self, folder: Path, mission_text: str, max_mb: float = inf) -> None:
-        """max_mb: bound of all three files together. Raises RecorderError."""
+        """max_mb: bound of the total size of the three files, MB. Raises RecorderError."""
         self.folder = folder
         self.problem: str | None = None
         self.until: float | None = None
-        """Run time of the newest tick that was given, written or not."""
+        """Run time of the newest tick, s, written or not."""
         self._most = max_mb * 1e6
         self._written = 0
         self._broken = False
@@ -77,14 +79,14 @@ class Recorder:
         self._thread = threading.Thread(target=self._drain, name="recorder", daemon=True)
 
     def start(self, epoch_us: int, *, at_once: bool = False) -> None:
-        """Begin to write; `epoch_us` is the wall-clock time of second 0 of the run, for the tlog's stamps. at_once:
-        whether the run may wait for the disk, as simulated time does, and nothing is ever lost to a slow one."""
+        """Begin to write. epoch_us: Unix time of run time zero, us, for the tlog. at_once: True if the run may wait for
+        the disk, as in simulated time. Then a slow disk loses nothing."""
         self._epoch_us, self._at_once = epoch_us, at_once
         if not at_once:
             self._thread.start()
 
     def step(self, step: LoopStep) -> None:
-        """Record a step of the loop with the whole MAVLink frames that came in and went out in it."""
+        """Record a step of the loop with the whole MAVLink frames received and sent in it."""
         self._put(step)
 
     def ticks(self, records: list[TickRecord]) -> None:
@@ -94,7 +96,7 @@ class Recorder:
             self._put(record)
 
     def close(self) -> None:
-        """Write what is waiting and close the files. What a slow disk does not take in time is noted."""
+        """Write the queue and close the files. Report a problem if that exceeds CLOSE_PATIENCE."""
         self._queue.put(None)
         if self._at_once:
             self._drain()
@@ -112,11 +114,11 @@ class Recorder:
             self._note(f"{self.folder}: recording has gaps from {item.time:.0f} s on: the disk is too slow")
 
     def _note(self, problem: str) -> None:
-        """Keep the first problem: later ones follow from it."""
+        """Keep the first problem, which causes the later ones."""
         self.problem = self.problem or problem
 
     def _drain(self) -> None:
-        """Write what is given, until nothing more comes: the writing thread."""
+        """Write queued items until None arrives, then close the files: the writing thread."""
         while (item := self._queue.get()) is not None:
             self._guarded(self._write, item)
         for file in (self._tlog, self._turns, self._ticks):
@@ -139,7 +141,7 @@ class Recorder:
             self._write_step(item)
 
     def _room(self, share: float, what: str, time: float) -> bool:
-        """Whether this part of the bound is not used up; once it is, that stays so."""
+        """True while less than this fraction of the bound is used."""
         if self._written < share * self._most:
             return True
         self._note(
@@ -167,13 +169,13 @@ class Recorder:
         self._written += csv.writer(self._turns).writerow(row)
 
     def _number(self, source: Hashable) -> int:
-        """A short name for a source; whoever comes after very many others shares theirs."""
+        """Return the number of a source. All sources beyond MOST_SOURCES share one number."""
         known = len(self._sources)
         return self._sources.setdefault(source, known) if known < MOST_SOURCES else self._sources.get(source, known)
 
 
 def write_ticks(path: Path, records: Iterable[TickRecord]) -> None:
-    """Ticks as a ticks.csv. Raises OSError."""
+    """Write ticks as a ticks.csv. Raises OSError."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(TICK_COLUMNS)
@@ -181,12 +183,12 @@ def write_ticks(path: Path, records: Iterable[TickRecord]) -> None:
 
 
 def tick_row(record: TickRecord) -> list[Any]:
-    """A tick as a line of ticks.csv."""
+    """Return a tick as a row of ticks.csv."""
     return list(map(_plain, record))
 
 
 def _plain(value: Any) -> Any:
-    """A value as CSV holds it: empty for None, the words of a phase, 1 and 0 for yes and no."""
+    """Return a value for CSV: None becomes empty, a phase its text, True and False 1 and 0."""
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, bool):
@@ -195,8 +197,7 @@ def _plain(value: Any) -> Any:
 
 
 def _claimed(path: Path) -> IO[bytes]:
-    """A file that nobody else has made: whoever makes it has the folder, and holds it while the flight is recorded.
-    Raises TakenError, OSError."""
+    """Create the file and lock it, which reserves the folder for this flight. Raises TakenError, OSError."""
     try:
         file = path.open("xb")
         lock(file)

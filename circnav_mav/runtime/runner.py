@@ -1,4 +1,4 @@
-"""The loop of a flight and of preflight: wait, receive, step, send. Everything it needs comes in as an argument."""
+"""Loop of a flight and of preflight: wait, receive, step, send. All dependencies are arguments."""
 
 import select
 import signal
@@ -19,16 +19,16 @@ from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.recorder import Recorder
 
 LONGEST_STEP = 0.5
-"""Real time, s, since the begin of a step after which nothing is sent in it: the process was stopped meanwhile, and the
-vehicle may be in other hands. The pilot itself detects a stall between two steps."""
+"""Real duration of a step, s, after which it sends nothing more: the process was stopped meanwhile, and the operator
+may have taken over. The pilot detects a stall between two steps."""
 
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT)
-"""Signals that end a flight safely: Ctrl-C, a service that is stopped, and Ctrl-\\, which is beside Ctrl-C."""
+"""Signals that end a flight safely: Ctrl-C, a stopped service, and Ctrl-\\, which is easily typed instead of Ctrl-C."""
 
 
 class StopRequest:
-    """The signals that end a flight as a flag that also wakes the loop."""
+    """Flag that is set by the signals in ENDING, and wakes the loop."""
 
     def __init__(self) -> None:
         self.signal_name: str | None = None
@@ -37,22 +37,22 @@ class StopRequest:
         self.claim()
 
     def claim(self) -> None:
-        """Install the handlers. Call again after another package was loaded: rospy, for one, installs its own."""
+        """Install the handlers. Call again after loading another package: rospy, for example, installs its own."""
         for number in ENDING:
             signal.signal(number, self._on_signal)
 
     def release(self) -> None:
-        """Let a signal end the process again. A thread that a driver left running would keep it for ever."""
+        """Restore the default handlers, so that a signal ends a process in which a driver left a thread running."""
         for number in ENDING:
             signal.signal(number, signal.SIG_DFL)
 
     def fileno(self) -> int:
-        """Becomes readable when a signal has come."""
+        """Return a descriptor that becomes readable after a signal."""
         return self._reader.fileno()
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         self.signal_name = signal.Signals(number).name
-        with suppress(BlockingIOError):  # so many signals that the loop is awake anyway
+        with suppress(BlockingIOError):  # the pipe is full of signals, so the loop wakes anyway
             self._writer.send(b"!")
 
 
@@ -65,7 +65,7 @@ def run(
     stop: StopRequest,
     signing_time: SigningTime | None = None,
 ) -> None:
-    """Fly until the pilot is done and no onlooker is busy. Every step and tick goes to the recorder."""
+    """Fly until the pilot is done and no onlooker is busy. Record every step and tick."""
     loop = Loop(pilot, links, clock, recorder, onlookers)
     while not loop.over:
         wait(links, stop, min(clock.until(loop.due), clock.longest_wait))
@@ -75,7 +75,7 @@ def run(
 
 
 class Loop:
-    """The loop of one flight, a step at a time."""
+    """Loop of one flight, run step by step."""
 
     def __init__(
         self, pilot: Pilot, links: Mapping[str, Link], clock: Clock, recorder: Recorder, onlookers: Onlookers
@@ -93,11 +93,11 @@ class Loop:
 
     @property
     def due(self) -> float:
-        """Time of the next step at the latest, s."""
+        """Latest time of the next step, s."""
         return self.now + self._clock.longest_wait if self._pilot.done else self._pilot.scheduler.due
 
     def step(self, signal_name: str | None = None) -> None:
-        """Go on to the next thing that happens. signal_name: of a signal that has come to end the flight."""
+        """Advance to the next event and process it. signal_name: received signal that ends the flight, or None."""
         pilot, links, onlookers = self._pilot, self._links, self._onlookers
         self._clock.advance(self.due)
         step = turn(pilot, links, self._clock, self.now, signal_name, onlookers.circle_requests(self.now))
@@ -121,11 +121,13 @@ def turn(
     signal_name: str | None = None,
     requests: Sequence[CircleRequest] = (),
 ) -> LoopStep:
-    """Run one step of the loop: receive, decide, send. before: time of the last one. signal_name: signal that ends the
-    flight. requests: for another circle, from outside of the pilot."""
+    """Run one step of the loop: receive, decide, send. before: time of the previous step, s. signal_name: received
+    signal that ends the flight, or None. requests: requests of onlookers for another circle."""
     began = clock.real()
     received = [(name, *one) for name, link in links.items() for one in link.receive(before)]
-    now = clock.now()  # a range that came while we stood still is not dated before it was sent
+    # Read the clock after receiving. If the process was stopped, ranges that arrived meanwhile would otherwise be dated
+    # before they were sent.
+    now = clock.now()
     step = LoopStep(now)
     for name, data, source in received:
         pilot.receive(data, now, source, name)
@@ -160,7 +162,7 @@ def listen(
     stop: StopRequest,
     signing_time: SigningTime | None = None,
 ) -> None:
-    """Listen until the survey is done or a signal has come."""
+    """Run preflight's listener until it is done or a signal is received."""
     while not survey.done and stop.signal_name is None:
         wait(links, stop, min(clock.until(survey.next_tick), clock.longest_wait))
         clock.advance(survey.next_tick)
@@ -176,7 +178,7 @@ def listen(
 
 
 def _greet(speaker: Pilot | Survey, links: Mapping[str, Link], now: float) -> bytes:
-    """Greet a ranging link that is apart; answers with the greeting."""
+    """Send a hello to a separate ranging link, if one is due. Return what was sent."""
     hello = speaker.hello(now) if RANGING in links else b""
     if hello:
         links[RANGING].send(hello, None)
@@ -184,7 +186,7 @@ def _greet(speaker: Pilot | Survey, links: Mapping[str, Link], now: float) -> by
 
 
 def wait(links: Mapping[str, Link], stop: StopRequest, seconds: float) -> None:
-    """Wait for bytes, a signal or the time, whichever comes first."""
+    """Wait until a link has data, a signal arrives or the time is over."""
     watched = [fd for link in links.values() if (fd := link.fileno()) is not None]
     if stop.signal_name is None:
         watched.append(stop.fileno())

@@ -1,4 +1,4 @@
-"""What there is to tell of a flight at one moment, the same for the terminal and the live page."""
+"""Status of a flight at one moment, shared by the terminal and the live page."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from circnav_mav.pilot.rates import Rates
 from circnav_mav.runtime.onlookers import Onlooker, Onlookers
 
 LOOK, MOST_ALARMS = 1.0, 1000
-"""Time, s, between two looks for alarms, and how many are kept for the record."""
+"""Interval of the check for new alarms, s, and maximum number of recorded alarms."""
 SILENCED = {
     OutputMode.DRY_RUN: "DRY RUN: no setpoint and no mode request is sent",
     OutputMode.SHADOW: "SHADOW: no setpoint and no mode request is sent",
@@ -23,11 +23,14 @@ SILENCED = {
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """A tick and what stands round it. time: of the run, s. flown: s since engaging, None before. phase: in words,
-    waits: what the vehicle is not steered for, why: why this law flies, target: where it is and what drifts,
-    vehicle: what flies and its firmware, believed: who is believed, and from where, conditions: alarms by the names of
-    `pilot.conditions`, all human-readable. added: lines of onlookers, by their labels. rejected: ranges rejected, by
-    reason; others: those of other senders, harmless. A range too old to hold is none."""
+    """Newest tick and the state around it. Texts are human-readable.
+
+    time: run time, s. tick: its range is None if it is too old to hold. flown: time since engaging, s, None before.
+    phase: name of the phase. waits: condition that steering waits for. why: reason for the active law. target: bearing
+    and drift. believed: trusted vehicle and its source. conditions: alarms by the names of `pilot.conditions`.
+    rejected: rejected ranges by reason. others: ranges of other senders, ignored. setpoints: number sent. added: lines
+    of onlookers, by label. vehicle: autopilot and firmware.
+    """
 
     time: float
     tick: TickRecord
@@ -47,26 +50,26 @@ class Status:
 
     @property
     def alarms(self) -> tuple[str, ...]:
-        """The texts of the alarms, the worst first."""
+        """Texts of the alarms, the worst first."""
         return tuple(self.conditions.values())
 
 
 class Watch:
-    """Makes the statuses of a pilot and its onlookers."""
+    """Source of statuses of a pilot and its onlookers."""
 
     def __init__(self, pilot: Pilot, onlookers: Onlookers) -> None:
         self._pilot, self._onlookers = pilot, onlookers
 
     def status(self, tick: TickRecord, now: float, problem: str | None = None) -> Status:
-        """The status with this newest tick. problem: what is wrong with the recording."""
+        """Return the status. tick: the newest. now: run time, s. problem: recording problem, or None."""
         pilot, timing = self._pilot, self._pilot.settings.timing
         conditions = pilot.conditions.alarms | self._onlookers.alarms(now)
         if problem is not None:
             conditions |= NOT_RECORDING.alarm(problem)
         lost = timing.stale if tick.x is None else timing.stale + pilot.mission.hold
         if tick.range_age is not None and tick.range_age > lost:
-            # A prediction from the range alone flies straight on, and the vehicle does not. By the relative motion it
-            # follows the vehicle, for as long as that holds the turn.
+            # Without relative motion, the prediction continues straight while the vehicle turns: show no range. With
+            # it, the prediction follows the vehicle for as long as the turn is held.
             tick = tick._replace(r=None, r_dot=None, r_sigma=None, r_dot_sigma=None)
         return Status(
             time=now,
@@ -88,30 +91,30 @@ class Watch:
 
 
 class Begun:
-    """Finds alarms that are new. One of which only numbers change goes on."""
+    """Filter for new alarms. An alarm of which only the numbers change is not new."""
 
     def __init__(self) -> None:
         self._standing: set[str] = set()
 
     def of(self, alarms: Mapping[str, str]) -> dict[str, str]:
-        """Return the alarms, by name, that were not there the last time."""
+        """Return the alarms, by name, that were not active at the last call."""
         begun = {name: text for name, text in alarms.items() if kind(text) not in self._standing}
         self._standing = set(map(kind, alarms.values()))
         return begun
 
 
 class AlarmLog(Onlooker):
-    """The alarms of a flight for its record, each once as it begins."""
+    """Records each alarm of a flight once, when it begins."""
 
     name = "alarms"
 
     def __init__(self, pilot: Pilot, onlookers: Onlookers) -> None:
         self.begun: list[dict[str, float | str]] = []
-        """As in summary.json."""
+        """Alarms as stored in summary.json."""
         self._watch, self._news, self._due = Watch(pilot, onlookers), Begun(), 0.0
 
     def on_step(self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None) -> Sequence[bytes]:
-        """Look for new ones when it is time."""
+        """Record new alarms if a check is due."""
         now = step.time
         if newest is not None and now >= self._due:
             self._due = now + LOOK
@@ -122,18 +125,18 @@ class AlarmLog(Onlooker):
 
 
 def kind(text: str) -> str:
-    """What a text is about: its words without its numbers, which change all the time."""
+    """Return a text up to its first digit. Texts that differ only in numbers are of one kind."""
     return "".join(takewhile(lambda letter: not letter.isdecimal(), text))
 
 
 def shown(value: float | None, form: str) -> str:
-    """A number in a form such as "{:.2f} m", "-" for none."""
+    """Return a number in a format such as "{:.2f} m", or "-" for None."""
     return "-" if value is None else form.format(value)
 
 
 def told(status: Status, settings: PilotSettings, most_reasons: int | None = None) -> dict[str, str]:
-    """The facts of a status in words, by what they are called; "-" where nothing is known. flown: empty before it
-    engages. most_reasons: how many of the reasons for which ranges were rejected are named; None: all."""
+    """Return the facts of a status as texts, by label. Unknown facts are "-", and `flown` is empty before engaging.
+    most_reasons: maximum number of rejection reasons listed, None for all."""
     tick, timing, orbit = status.tick, settings.timing, settings.orbit
     frames, accepted, _, setpoints = (shown(rate, "{:.1f}/s") for rate in status.rates or (None,) * 4)
     range_age, link_age = (shown(age, "{:.2f} s") for age in (tick.range_age, tick.link_age))
@@ -174,14 +177,14 @@ def _with_sigma(value: float | None, sigma: float | None, form: str, unit: str) 
 
 
 def _vehicle(pilot: Pilot) -> str:
-    """What flies, as far as it has said."""
+    """Return autopilot and firmware, as far as received."""
     session = pilot.session
     name = session.adapter.name if session.up else "vehicle not known"
     return f"{name}, firmware {session.vehicle.firmware or 'not known'}"
 
 
 def _target(tick: TickRecord) -> str:
-    """Where the target is, seen from the vehicle, and the drift: clockwise from north, where they are known."""
+    """Return bearing of the target and drift, both clockwise from north, where known."""
     if tick.x is None or tick.y is None or tick.drift_x is None or tick.drift_y is None:
         return "bearing not known"
     bearing = degrees(compass_from_vector(-tick.x, -tick.y))

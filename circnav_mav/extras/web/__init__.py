@@ -1,4 +1,4 @@
-"""The live page of a flight: a server in a process of its own, fed through a pipe that never makes the flight wait."""
+"""Live page of a flight: a server in a separate process, with a pipe that never blocks the flight."""
 
 from circnav_mav.extension import Extension
 

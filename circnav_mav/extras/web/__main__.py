@@ -1,5 +1,5 @@
-"""The server of the live page, which the flight starts: `python -m circnav_mav.extras.web FD`, a listening socket; its
-feed is on stdin. It says "ready" and serves until its input ends."""
+"""Server of the live page, started by the flight: `python -m circnav_mav.extras.web FD`. FD is a listening socket, and
+stdin carries the feed. The server prints "ready" and runs until stdin ends."""
 
 import asyncio
 import json
@@ -23,23 +23,24 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from circnav_mav.report.charts import with_charts
 
 POLL = 0.1
-"""Time, s, between two looks for news; a browser that reads slowly is asked less often and skips."""
+"""Interval of updates to a browser, s. A slow browser gets fewer updates."""
 GRACE = 0.5
-"""Time, s, for the last event to reach the browsers."""
+"""Time for the last event to reach the browsers, s."""
 MOST_BROWSERS = 40
-"""Streams at a time. One more ends the oldest, whose browser asks again."""
+"""Maximum number of event streams. One more ends the oldest, whose browser reconnects."""
 MOST_CONNECTIONS = 400
-"""Open connections, with or without a request. One more closes the oldest idle one."""
+"""Maximum number of open connections. One more closes the oldest idle one."""
 NICENESS = 10
-"""The flight comes first where there is too little of the processor."""
+"""Niceness of the server process, so that the flight has priority on a busy processor."""
 LONGEST_LINE = 1 << 16
 MOST_POINTS = 3000
-"""Points of a chart; beyond that every second one is dropped, and from then on half as many are kept."""
+"""Maximum number of points of a chart. Beyond it, every second point is dropped, and new points are kept half as
+often."""
 NEWEST = 100
-"""Ticks kept whole; a browser that is farther behind gets everything anew."""
+"""Newest ticks that are kept completely. A browser that is further behind gets the whole history again."""
 COLUMNS = ("time", "measured", "r", "r_dot", "turn_rate", "x", "y", "drift_x", "drift_y", "east", "north", "heading",
            "state", "mode", "law", "desired")  # fmt: skip
-"""What a point holds of a tick."""
+"""Values of a tick that a point holds."""
 PAGE = with_charts(Path(__file__).with_name("page.html"))
 HEADERS = {
     "Cache-Control": "no-store",
@@ -50,14 +51,14 @@ HEADERS = {
 
 
 class History:
-    """What is known of the flight: enough to bring a late browser up to date, bounded however long it flies. Takes
-    lines of the feed, gives server-sent events."""
+    """History of the flight for browsers that connect late, of bounded size. Converts lines of the feed to server-sent
+    events."""
 
     def __init__(self) -> None:
         self.count = 0
-        """Ticks so far."""
+        """Number of ticks received."""
         self.over = False
-        """Whether nothing more will come."""
+        """True after the feed has ended."""
         self._flight: dict[str, Any] = {}
         self._end: dict[str, Any] = {"verdict": None}
         self._points: list[list[float | str | None]] = []
@@ -65,7 +66,7 @@ class History:
         self._newest: deque[str] = deque(maxlen=NEWEST)
 
     def take(self, line: bytes) -> None:
-        """One line of the feed."""
+        """Process a line of the feed."""
         what = json.loads(line)
         kind = what.pop("kind")
         if kind == "flight":
@@ -85,7 +86,7 @@ class History:
             self._every *= 2
 
     def since(self, seen: int | None) -> list[str]:
-        """The events for a browser that has seen so many ticks, None for nothing at all yet."""
+        """Return the events for a browser that has received `seen` ticks, None for a new browser."""
         if seen is None or self.count - seen > len(self._newest):
             return [_event("history", self._all())]
         behind = self.count - seen
@@ -93,11 +94,11 @@ class History:
 
     @property
     def end(self) -> str:
-        """The last event of all: with a verdict, or without one where the flight's process just went."""
+        """Last event, with the verdict, or null if the flight's process was killed."""
         return _event("end", json.dumps(self._end))
 
     def _all(self) -> str:
-        """Everything that a browser needs to begin."""
+        """Return the whole history as JSON, for a new browser."""
         newest = json.loads(self._newest[-1]) if self._newest else None
         whole = {"flight": self._flight, "columns": COLUMNS, "points": self._points, "every": self._every}
         return json.dumps({**whole, "most": MOST_POINTS, "count": self.count, "newest": newest})
@@ -108,8 +109,8 @@ def _event(kind: str, data: str) -> str:
 
 
 def application(history: History) -> Starlette:
-    """The page and its stream. There is nothing else, and nothing that can be changed. Other names for this host are
-    refused, so that no other page in the browser can read it."""
+    """Return the web application: the page and its event stream, both read-only. Other host names are rejected, so that
+    no other page in the browser can read it."""
 
     async def page(request: Request) -> Response:
         return HTMLResponse(PAGE, headers=HEADERS)
@@ -141,21 +142,21 @@ def application(history: History) -> Starlette:
 
 
 class Connection(H11Protocol):
-    """One HTTP connection. Beyond MOST_CONNECTIONS the oldest idle one is closed, so that clients that open connections
-    and send requests slowly or not at all keep no browser out."""
+    """HTTP connection. Beyond MOST_CONNECTIONS the oldest idle one is closed, so that clients with slow or missing
+    requests do not lock out a browser."""
 
     _open: ClassVar[dict["Connection", None]] = {}
 
     @property
     def idle(self) -> bool:
-        """True if no request was received completely, all are answered, or the client does not read the answer."""
+        """True if no request is complete, all are answered, or the client does not read the response."""
         return self.cycle is None or self.cycle.response_complete or self.flow.write_paused
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
         self._open[self] = None
         if len(self._open) > MOST_CONNECTIONS:
-            # A burst of requests can leave no other one idle. The new one is kept in any case: it may be the browser's.
+            # In a burst of requests none may be idle: close the oldest. The new one is kept: it may be the browser's.
             others = list(self._open)[:-1]
             oldest = next((one for one in others if one.idle), others[0])
             del self._open[oldest]
@@ -167,7 +168,7 @@ class Connection(H11Protocol):
 
 
 async def serve(listener: socket.socket) -> None:
-    """Serve until the input ends."""
+    """Serve until stdin ends."""
     history = History()
     reader = asyncio.StreamReader(limit=LONGEST_LINE)
     await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)

@@ -1,4 +1,4 @@
-"""The option of `circnav fly` that opens the live page."""
+"""Option of `circnav fly` that opens the live page."""
 
 import click
 

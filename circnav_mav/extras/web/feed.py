@@ -1,6 +1,6 @@
-"""The flight's side of the live page: what it tells, and the pipe to the server's process. The pipe is the queue, which
-the kernel bounds: a line that does not fit at once is dropped, so that no server, slow, stopped or dead, delays a tick.
-Nothing on the page reaches back into the flight."""
+"""Feed of the live page: its contents, and the pipe to the server's process. The pipe is the only queue. A line that
+does not fit is dropped, so that a slow, stopped or dead server never delays a tick. The page cannot influence the
+flight."""
 
 import importlib.util
 import json
@@ -29,22 +29,22 @@ from circnav_mav.runtime.status import SILENCED, Status, Watch, told
 
 HOST = "127.0.0.1"
 LINES_A_SECOND = 10
-"""Updates of the page a second; chosen."""
+"""Updates of the page per real second. Chosen."""
 START_PATIENCE, STOP_PATIENCE = 10.0, 3.0
-"""Time, s, that the page's process gets to start, and to end; chosen."""
+"""Timeouts for starting and ending the server's process, s. Chosen."""
 LONGEST_TEXT = 300
-"""Characters of one text on the page at most; chosen, longer ones are names from outside."""
+"""Maximum length of a text on the page, characters. Chosen: only external names are longer."""
 NEEDED = ("starlette", "uvicorn")
 PAGE_SPEED = 6.0
-"""Speed, times real time, at which the bundled vehicle flies for the live page if none was asked for."""
+"""Default speed of the bundled vehicle with the live page, times real time."""
 
 
 class WebError(Exception):
-    """A live page that cannot be served, in one line."""
+    """One-line message: a live page that cannot be served."""
 
 
 class LivePage(Onlooker):
-    """The server's process, and the pipe to it. `on_step` never waits."""
+    """Onlooker that runs the server's process and feeds it through a pipe. `on_step` never blocks."""
 
     name = "live page"
 
@@ -59,9 +59,8 @@ class LivePage(Onlooker):
         speed: float,
         truth: bool = False,
     ) -> None:
-        """port: 0 for any free one. tolerance: half width of the band round the radius, m. speed: run seconds per real
-        second. truth: whether frames that tell the truth count, as the bundled vehicle's do: with any other, they are
-        somebody's who made them up. Raises WebError."""
+        """port: 0 for any free one. tolerance: half width of the band around the radius, m. speed: run seconds per real
+        second. truth: True to show truth frames. Only the bundled vehicle sends genuine ones. Raises WebError."""
         missing = [package for package in NEEDED if importlib.util.find_spec(package) is None]
         if missing:
             raise WebError(f"--web needs the package {' and '.join(missing)}: pip install {' '.join(missing)}")
@@ -78,7 +77,7 @@ class LivePage(Onlooker):
         self._tell({"kind": "flight", **_facts(pilot, name, tolerance)})
 
     def on_step(self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None) -> Sequence[bytes]:
-        """Send the newest tick when it is due."""
+        """Send the newest tick if an update is due."""
         if self._hears_truth:
             for _, _, frames in step.heard:
                 self._truth = next(filter(is_truth_frame, frames), self._truth)
@@ -86,28 +85,28 @@ class LivePage(Onlooker):
             return ()
         self._due = step.time + self._period
         place = relative_truth(self._truth) if self._truth else None
-        if place is not None and all(map(isfinite, place)):  # anybody may send a frame that holds no numbers
+        if place is not None and all(map(isfinite, place)):  # any sender may have made a frame with NaN
             self._place = place
         status, (east, north) = self._watch.status(newest, step.time, recording_problem), map(_plain, self._place)
         self._tell({"kind": "tick", **_tick(status, self._settings), "east": east, "north": north})
         return ()
 
     def show_verdict(self, verdict: str) -> None:
-        """Send the verdict. The flight is over, and the server is given a moment to take it."""
+        """Send the verdict after the flight. Wait up to STOP_PATIENCE for room in the pipe."""
         if self._pipe is not None:
             select.select([], [self._pipe], [], STOP_PATIENCE)
             self._tell({"kind": "end", "verdict": verdict})
 
     def close(self) -> None:
-        """End the server."""
+        """Stop the server."""
         try:
-            self._process.communicate(timeout=STOP_PATIENCE)  # its input ends, and so does it
+            self._process.communicate(timeout=STOP_PATIENCE)  # closes its stdin, which ends it
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.communicate()
 
     def _tell(self, what: dict[str, Any]) -> None:
-        """One line into the pipe, whole or not at all: up to PIPE_BUF bytes are written in one piece."""
+        """Write a line to the pipe, or drop it. Up to PIPE_BUF bytes are written atomically, so no line is partial."""
         line = json.dumps(what, allow_nan=False).encode() + b"\n"
         if self._pipe is None or len(line) > select.PIPE_BUF:
             return
@@ -120,7 +119,7 @@ class LivePage(Onlooker):
 
 
 def open_onlooker(given: OnlookerSettings) -> LivePage | None:
-    """Return the live page where `--web` asks for one. Raises Refused."""
+    """Return the live page if `--web` is given, else None. Raises Refused."""
     port, mission = given.options.get("web"), given.mission
     if port is None:
         return None
@@ -138,7 +137,7 @@ def open_onlooker(given: OnlookerSettings) -> LivePage | None:
 
 
 def _listener(port: int) -> socket.socket:
-    """Listens on this machine's own interface only; taken before anything flies."""
+    """Return a socket that listens on the loopback interface. Opened before the flight. Raises WebError."""
     try:
         return socket.create_server((HOST, port))
     except OSError as error:
@@ -147,7 +146,7 @@ def _listener(port: int) -> socket.socket:
 
 
 def _serve(listener: socket.socket) -> "subprocess.Popen[bytes]":
-    """The server's process, ready. Raises WebError."""
+    """Start the server's process and wait until it is ready. Raises WebError."""
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", "circnav_mav.extras.web", str(listener.fileno())],
         stdin=subprocess.PIPE,
@@ -155,7 +154,7 @@ def _serve(listener: socket.socket) -> "subprocess.Popen[bytes]":
         stderr=subprocess.DEVNULL,
         pass_fds=[listener.fileno()],
         env={**os.environ, "PYTHONPATH": str(Path(circnav_mav.__file__).parents[1])},
-        start_new_session=True,  # the operator's Ctrl-C is for the flight
+        start_new_session=True,  # Ctrl-C reaches only the flight
     )
     assert process.stdout is not None
     ready, _, _ = select.select([process.stdout], [], [], START_PATIENCE)
@@ -167,7 +166,7 @@ def _serve(listener: socket.socket) -> "subprocess.Popen[bytes]":
 
 
 def _facts(pilot: Pilot, name: str, tolerance: float) -> dict[str, Any]:
-    """What does not change in flight. SI units."""
+    """Return the values that do not change in flight, SI units."""
     orbit = pilot.settings.orbit
     return {
         "name": name,
@@ -183,7 +182,7 @@ def _facts(pilot: Pilot, name: str, tolerance: float) -> dict[str, Any]:
 
 
 def _tick(status: Status, settings: PilotSettings) -> dict[str, Any]:
-    """A status as JSON holds it."""
+    """Return a status as JSON values."""
     about = {
         "now": status.time,
         "state": status.phase,
