@@ -183,7 +183,7 @@ def _radio(logs: Sequence[RangeLog], tag: str | None, source: Path) -> tuple[Ran
 
 
 def _target_height(track: Track, altitude: float | None, mission: Mission | None) -> tuple[float, float]:
-    """Return the altitude of the beacon and its standard deviation, m: given, from the mission, or the lowest position."""
+    """Return the beacon's altitude and its standard deviation, m: given, from the mission, or the lowest point."""
     if altitude is None and mission is not None:
         above, altitude = mission.height.above_target, mission.height.target_altitude
         altitude = float(np.median(track.up)) - above if altitude is None and above is not None else altitude

@@ -24,8 +24,8 @@ HAND_BACK_COLUMNS = "time,latitude_deg,longitude_deg,sigma_m,by,answer,reported_
 
 
 class Locating(Onlooker):
-    """Runs a `Locator`. The estimator runs in a separate process, because an estimate takes longer than a tick. A thread
-    would hold the interpreter lock and delay setpoints."""
+    """Runs a `Locator`. The estimator has its own process, because an estimate takes longer than a tick. A thread would
+    hold the interpreter lock and delay setpoints."""
 
     name = "survey"
 

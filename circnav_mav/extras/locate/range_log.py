@@ -49,15 +49,15 @@ class RangeLog:
         return Plane(*self.positions[0][1:3])
 
     def track(self, plane: Plane) -> Track:
-        """Return the positions in order of time. Missing altitudes are interpolated; without any altitude they are 0."""
+        """Return the positions in order of time. Missing altitudes are interpolated, or 0 if all are missing."""
         time, latitude, longitude, up = np.array(sorted(self.positions)).T
         known = np.isfinite(up)
         up = np.interp(time, time[known], up[known]) if known.any() else np.zeros_like(up)
         return Track(time, *plane.to_metres(latitude, longitude), up)
 
     def of(self, tag: str, sigma: float | None) -> tuple[Ranges, bool]:
-        """Return the ranges of a tag, and True if their sigmas are known. sigma: m, for ranges without one in the log, or
-        None if unknown."""
+        """Return the ranges of a tag, and True if their sigmas are known. sigma: m, for ranges without one in the log,
+        or None if unknown."""
         table = np.array(sorted(self.ranges[tag]))
         known = np.isfinite(table[:, 2])
         filled = np.where(known, table[:, 2], 1.0 if sigma is None else sigma)
