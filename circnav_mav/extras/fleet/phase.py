@@ -1,7 +1,7 @@
 """Temporal phase: progress of a vehicle on its lap, measured in time, so that it has a constant rate in any wind.
 
 A vehicle with constant airspeed is slow against the drift and fast along it. Members that are even in time are
-therefore uneven in angle. Angles count from east in the sense of rotation, so that every circle is counter-clockwise here.
+therefore uneven in angle. Angles count from east in the sense of rotation: every circle is counter-clockwise here.
 """
 
 from dataclasses import dataclass
@@ -73,7 +73,7 @@ def wrapped(angle: float) -> float:
 def intersected(one: Drift, other: Drift) -> Drift:
     """Fuse two estimates whose correlation is unknown (covariance intersection, Julier and Uhlmann 1997).
 
-    The weight is the one of eleven that gives the smallest determinant.
+    The weight (one of eleven) minimizes the determinant.
     """
     a, b = _matrix(one), _matrix(other)
     inverse_a, inverse_b = np.linalg.inv(a), np.linalg.inv(b)

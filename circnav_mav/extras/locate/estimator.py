@@ -95,7 +95,7 @@ class Knowledge:
 
 @dataclass(frozen=True, slots=True)
 class NotYet:
-    """Human-readable reason why there is no place."""
+    """No place could be estimated. why: human-readable reason."""
 
     why: str
 
@@ -217,7 +217,7 @@ def _starts(track: Track, ranges: Ranges) -> Iterator[Array]:
 
 
 def _covered(track: Track, ranges: Ranges) -> Ranges:
-    """Return the ranges that lie between two positions, at most MOST of them."""
+    """Return the ranges with a position before and after them, thinned to at most MOST."""
     if len(track.time) < 2:
         return ranges.take(np.array([], int))
     after = np.clip(np.searchsorted(track.time, ranges.time), 1, len(track.time) - 1)
@@ -331,7 +331,8 @@ class _Problem:
         covariance: Array = np.linalg.inv(fit.jac.T @ fit.jac).astype(float)
         # Level with the vehicle, the derivative of a range with respect to the height is zero. The covariance then
         # ignores that a height explains the same ranges as a bias and a scale. The range depends on the square of the
-        # height difference. Below the standard deviation of that square, a fixed slope replaces the derivative.
+        # height difference. The standard deviation of that square gives a smallest difference. Below it, the slope at
+        # that difference replaces the derivative.
         count, (far, _, _) = len(self.ranges.r), self._line_of_sight(fit.x)
         off = float(np.median(np.abs(np.interp(self.ranges.time, self.track.time, self.track.up) - fit.x[U])))
         if off > self.known.up_sigma:

@@ -38,10 +38,10 @@ ANSWER_PATIENCE, MOST_SILENT = 2.0, 3
 """Time, s, to wait for an answer, and again before the next position because the answer may be late. Number of
 consecutive unanswered positions after which the hand-back stops."""
 AFTER_FAILED = 10.0
-"""Time, s, until the next attempt after FAILED: the autopilot has a position after all, or no state to reset."""
+"""Time, s, until the next attempt after FAILED: the autopilot has a position after all, or none that it could reset."""
 LOOK_AFTER, EFFECT, MOST_WITHOUT = 0.5, 30.0, 3
-"""Check that a position took effect: delay after acceptance, s; distance to the reported position, m, that counts as an
-effect; consecutive positions without effect after which the hand-back stops."""
+"""Effect of a position on the autopilot: time of the check after acceptance, s; distance between sent and reported
+position, m, from which it had no effect; consecutive positions without effect after which the hand-back stops."""
 LEAST_SIGMA, MOST_SIGMA = 1.0, 300.0
 """Smallest standard deviation sent, m: PX4 makes a hard reset below it. Largest one for which a position is still sent,
 m: an autopilot on its own was several km off."""
@@ -125,8 +125,8 @@ class Health:
         return any(fresh.get(kind, False) for kind in RECEIVERS)
 
     def good(self, now: float) -> bool | None:
-        """True if a receiver has a fix or the estimator fuses an absolute position. None if there is none, but the
-        reports of the receiver or of the estimator are missing."""
+        """True if a receiver has a fix or the estimator fuses an absolute position. False if both report none. None if
+        a report is missing."""
         fresh = self._fresh(now)
         heard = RECEIVERS[0] in fresh and not FUSES.keys().isdisjoint(fresh)
         return True if any(fresh.values()) else False if heard else None

@@ -57,7 +57,7 @@ MOST_AHEAD = 5.0
 WINDOW = 600.0
 """Length, s, of the window of positions and ranges used for the estimate."""
 MOST_KEPT = 2000
-"""Largest number of ranges kept. Beyond it every second is dropped: sending thousands to the solver costs a tick."""
+"""Largest number of ranges kept. Above it, half of them are dropped: passing thousands to the solver costs a tick."""
 GONE = 10.0
 """Age of the newest heartbeat, s, after which no position is handed back."""
 AFTER = {dialect.MAVLINK_MSG_ID_ATTITUDE: 10.0, dialect.MAVLINK_MSG_ID_VFR_HUD: 5.0}
@@ -106,12 +106,12 @@ class Locator:
         self.plane: Plane | None = None
         self.place: Place | None = None
         self.why = "no position of the vehicle"
-        """Human-readable reason why there is no place."""
+        """Human-readable reason why the place is unknown."""
         self.watch = GpsWatch()
         self.handback = HandBack(settings.handback) if settings.handback else None
         self._health, self._reckoning = Health(), DeadReckoning()
         self.only_hand_back = False
-        """True if the survey has failed. Positions are then handed back from the last known target place."""
+        """True if the survey has failed. Positions are then handed back from the last target place."""
         self.problem: str | None = None
         """Human-readable failure, or None."""
         self._track: deque[tuple[float, float, float, float]] = deque()
@@ -138,7 +138,7 @@ class Locator:
     # --- in ---------------------------------------------------------------------------------------------------------
 
     def hear(self, link: str, source: Hashable, frames: Iterable[bytes], now: float) -> None:
-        """Process complete frames that the pilot has accepted. now: s."""
+        """Process complete, authenticated frames after the pilot. now: s."""
         session, tracker = self._pilot.session, self._pilot.tracker
         if link == VEHICLE and session.peer is not None and source == session.peer.source:
             for frame in frames:

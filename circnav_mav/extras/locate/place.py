@@ -55,7 +55,7 @@ class Ellipse:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Place of the target at a time (s). east, north, up: m on the plane; up is the vehicle's altitude above sea level.
+    """Place of the target at a time (s). east, north: m on the plane. up: m above sea level, as vehicle altitudes.
 
     covariance: (2, 2) of east and north, m^2, including the vehicle's position error. up_sigma: m. up_known: True if
     the height is observed or given, otherwise it is the prior. velocity: m/s east and north, zero for a target that
@@ -124,7 +124,7 @@ class Place:
         return abs(self.scale) > SIGNIFICANT * self.scale_sigma
 
     def range_error(self, length: float) -> tuple[float, float]:
-        """Return by how much a range of this length (m) is measured too long, and the standard deviation, m."""
+        """Return the error (measured minus true) of a range of this length (m) and its standard deviation, m."""
         slope = np.array([1.0, length])
         return self.bias + self.scale * length, float(np.sqrt(slope @ self.radio_covariance @ slope))
 

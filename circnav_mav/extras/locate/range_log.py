@@ -26,7 +26,7 @@ class RangeLog:
     """One vehicle of a log.
 
     ranges: by tag. vehicle: its name in the log, empty if the log has only one. epoch: seconds from 1970 to the zero
-    of the log's times, None if the log does not carry UTC. notes: assumptions, and what was left out, one line each.
+    of the log's times, None if the log does not carry UTC. notes: assumptions and removed values, one line each.
     """
 
     positions: list[Position] = field(default_factory=list)

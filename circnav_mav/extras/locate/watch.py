@@ -1,9 +1,10 @@
 """Consistency check of GPS, ranges and compass. It names the most likely faulty source and never steers.
 
 Three comparisons:
-- the measured range, and the distance from the reported position to the estimated place
-- the ground velocity by reported positions, and the velocity through the air plus the wind estimated before
-- the bearing of the target by position, and by ranges and compass
+
+- measured range with the distance from the reported position to the estimated place
+- ground velocity by reported positions with airspeed, heading and the wind estimated before
+- bearing of the target by position with the bearing by ranges and compass
 
 The combination of failing comparisons identifies the source.
 """
@@ -76,7 +77,7 @@ class GpsWatch:
         return "range" not in self._failing and self.culprit is not Culprit.GPS
 
     def see(self, look: Look) -> None:
-        """Process the values of one time."""
+        """Compare the values at one time and update the alarm."""
         self._looks.append(look)
         while self._looks[-1].time - self._looks[0].time > SPAN:
             self._looks.popleft()

@@ -236,7 +236,7 @@ def _find_decimal_comma(table: Table, delimiter: str) -> None:
 
 @dataclass(slots=True)
 class _Cells:
-    """Cells of one row."""
+    """Cells of a row."""
 
     row: list[str]
     line: int
