@@ -155,6 +155,7 @@ class Spacing:
             for member, report in self.present(now).items()
             if report.state is State.ON_CIRCLE and report.sense == self.sense
         }
+        # Skip phases with a sigma above half the even gap: their rank on the ring is uncertain.
         sure = {m: r for m, r in ring.items() if r.phase_sigma <= pi / (len(ring) + 1)}
         return {
             member: (report.phase + LAP * (now - report.stamp) / report.lap_period) % LAP
@@ -170,6 +171,7 @@ class Spacing:
         if state is not State.ON_CIRCLE or own.phase is None:
             self._error = None
             self._decay(dt, FORGET_ALONE)
+            # Members that leave, or wait for a gap in a formed ring, fly in the outer lane.
             waits = state is State.LEAVING or (state is State.PHASE_KNOWN and self._formed(others))
             return Adjustment(state, self.settings.lane if waits else 0.0, 1.0, None, others)
         counted = others | {self.settings.member: own.phase}
@@ -192,6 +194,8 @@ class Spacing:
         self._known_at = now
         if self._entered or own.phase_sigma > pi / (len(others) + 1):
             return State.ON_CIRCLE if self._entered else State.PHASE_KNOWN
+        # Join a formed ring only where both neighbors are far enough away. Otherwise enter as soon as the vehicle is near
+        # the circle: the members then space themselves.
         if self._formed(others):
             near = min(abs(wrapped(phase - own.phase)) for phase in others.values())
             room = near >= CLEARANCE * pi / len(others)

@@ -286,6 +286,7 @@ class _Problem:
         if keep.sum() < LEAST:
             return None
         spread, kept = float(np.sqrt(np.mean(off[keep] ** 2))), self.ranges.take(keep)
+        # A radio with correlated errors gives less information than its number of ranges suggests: enlarge the sigmas.
         worse = max(spread, least) * np.sqrt(_correlation(off[keep]))
         again = _Problem(self.track, replace(kept, sigma=kept.sigma * worse), self.known, moves=self.moves)
         last = again.fit(fit.x[: self._own])

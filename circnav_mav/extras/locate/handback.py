@@ -306,6 +306,7 @@ class HandBack:
         self, now: float, *, good: bool | None, where: Where | None, plane: Plane, target: tuple[int, int]
     ) -> Message | None:
         """Return the command to send now. good: True if the autopilot has a position, None if unknown."""
+        # An unknown status counts as a valid position: never move an autopilot that may have one.
         if good is None or good:
             self._lost_since, self._waits, self._open, self._lacks = None, False, False, ""
             if self.given and not self.over:

@@ -138,7 +138,7 @@ class Locator:
     # --- in ---------------------------------------------------------------------------------------------------------
 
     def hear(self, link: str, source: Hashable, frames: Iterable[bytes], now: float) -> None:
-        """Process complete, authenticated frames after the pilot. now: s."""
+        """Process complete, trusted frames after the pilot. now: s."""
         session, tracker = self._pilot.session, self._pilot.tracker
         if link == VEHICLE and session.peer is not None and source == session.peer.source:
             for frame in frames:
