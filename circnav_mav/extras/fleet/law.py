@@ -194,8 +194,8 @@ class Spacing:
         self._known_at = now
         if self._entered or own.phase_sigma > pi / (len(others) + 1):
             return State.ON_CIRCLE if self._entered else State.PHASE_KNOWN
-        # Join a formed ring only where both neighbors are far enough away. Otherwise enter as soon as the vehicle is near
-        # the circle: the members then space themselves.
+        # Join a formed ring only where both neighbors are far enough away. Otherwise enter as soon as the vehicle is
+        # near the circle: the members then space themselves.
         if self._formed(others):
             near = min(abs(wrapped(phase - own.phase)) for phase in others.values())
             room = near >= CLEARANCE * pi / len(others)
