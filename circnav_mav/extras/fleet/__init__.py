@@ -1,4 +1,4 @@
-"""A fleet on one circle: its law, its carrier and its commands."""
+"""Fleet on one circle: spacing law, carrier and commands."""
 
 from circnav_mav.extension import Extension
 

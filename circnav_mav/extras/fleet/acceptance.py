@@ -1,8 +1,8 @@
 """Acceptance of frames from the fleet link, without sockets and without a clock.
 
-A datagram is accepted if it is one whole report of another member of the own group, authentic, new, finite, within
-bounds, stamped by a clock that agrees with the own one, and consistent with the member's earlier reports. Every other
-datagram is counted by its reason. Reasons that repeat are alarms for the operator.
+A datagram is accepted if it is one complete report of another member of the own group. It must be authentic, new,
+finite and within bounds. Its timestamp must agree with the own clock, and its phase with the member's earlier reports.
+Rejections are counted by reason. Repeated rejections raise an alarm for the operator.
 """
 
 from collections import Counter, deque
@@ -19,29 +19,30 @@ from circnav_mav.mav.identity import spelt
 from circnav_mav.mav.signing import EPOCH, MINUTE, SECOND, Refusal, Signing, is_signed, is_signed_with
 
 CLOCK_TOLERANCE = 0.5
-"""Greatest difference, s, between a stamp and the own clock. Delay on the way counts as a clock that is behind."""
+"""Largest difference, s, between a timestamp and the own clock. It includes the delay of the network."""
 SHORTEST_INTERVAL = 0.1
-"""Least time, s, between the stamps of two reports of one member: half of the interval at the greatest rate."""
+"""Shortest time, s, between two reports of one member: half the interval at the highest rate."""
 MOVES_AFTER = 1.5
-"""Silence of a member, s, after which its id is accepted from another address, as for a vehicle (mav/identity.py)."""
+"""Silence of a member, s, after which its id may move to another address, as for a vehicle (mav/identity.py)."""
 FORGET_AFTER = 60.0
 """Silence, s, after which a member leaves the table."""
 MOST_MEMBERS = 32
-"""Members in the table unless the mission has another number."""
+"""Default limit of members in the table."""
 PHASE_TOLERANCE = 0.35
-"""Plausible difference, rad, between a phase and its extrapolation beside three standard deviations."""
+"""Tolerance, rad, between a phase and its extrapolation, in addition to three standard deviations."""
 PHASE_RATE_TOLERANCE = 0.1
-"""Growth of that difference, rad/s, on the circle: other members change the commanded radius and thereby the rate."""
+"""Growth of that tolerance on the circle, rad/s: changes of the commanded radius change the phase rate."""
 CONFIRMED_AFTER = 2.0
-"""Time, s, for which a phase that has jumped must continue plausibly until it is accepted."""
+"""Time, s, for which a phase must be consistent after a jump before it is accepted."""
 ALARM_COUNT, ALARM_TIME = 3, 5.0
-"""Rejections for one reason within this time, s, that are an alarm: a lossy network repeats and reorders frames."""
+"""Number of rejections for one reason within this time, s, that raise an alarm. Single ones are normal: a lossy network
+repeats and reorders frames."""
 MOST_COPIES = 512
-"""Newest authentic and own frames by which copies are recognized: 0.4 s of 255 members at 5 Hz."""
+"""Number of newest frames kept to recognize copies: 0.4 s of 255 members at 5 Hz."""
 _HASH = 6
 """Bytes of the hash in a MAVLink 2 signature."""
 _ROUNDING = 1e-6
-"""Part by which a number may be beyond its bound, because fields are rounded to 32 bits."""
+"""Relative tolerance of the bounds: fields are rounded to 32 bits."""
 
 MAX_DRIFT, MAX_VARIANCE = 100.0, 1e4
 """Largest drift, m/s, and variance of it, (m/s)^2, in a report; chosen, beyond any flight."""
@@ -57,11 +58,11 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "drift covariance": (-MAX_VARIANCE, MAX_VARIANCE),
     "drift variance north": (1e-9, MAX_VARIANCE),
 }
-"""Least and greatest value of each number of a report, SI units. A height may be nan: unknown."""
+"""Smallest and largest value of each number in a report, SI units. An unknown height is nan."""
 
 
 class Rejection(Enum):
-    """Reason why a datagram is not accepted."""
+    """Reason for rejecting a datagram."""
 
     MALFORMED = "malformed"
     OTHER_MESSAGE = "other_message"
@@ -96,7 +97,7 @@ REMEDIES = {
     Rejection.TABLE_FULL: "the group has more members than its limit",
     Rejection.FLOOD: "network flood: frames are lost",
 }
-"""Reasons that are alarms, with the remedy or effect. A foreign MAVLink message on the port is ignored without one."""
+"""Reasons that raise alarms, with the remedy or effect. Other MAVLink messages on the port are ignored silently."""
 _REFUSALS = {
     Refusal.UNSIGNED: Rejection.UNSIGNED,
     Refusal.WRONG: Rejection.WRONG_KEY,
@@ -106,7 +107,7 @@ _REFUSALS = {
 
 
 class RejectedError(Exception):
-    """A datagram that is not accepted: its reason, and the values that prove it."""
+    """A datagram was rejected. The message has the offending values."""
 
     def __init__(self, reason: Rejection, detail: str) -> None:
         super().__init__(detail)
@@ -138,11 +139,11 @@ def phase_error(before: MemberReport, report: MemberReport) -> float:
 
 
 def phase_tolerance(before: MemberReport, report: MemberReport) -> float:
-    """Return the greatest plausible distance of a phase from its extrapolation, rad; infinite if it is unknown."""
+    """Return the largest plausible distance of a phase from its extrapolation, rad; infinite if one is unknown."""
     if State.SEARCH in (before.state, report.state):
         return inf
-    # On the circle the phase grows at its nominal rate, apart from the change of radius. On the way to the circle or
-    # from it the bearing may stand still, or turn at twice the rate.
+    # On the circle the phase grows at its nominal rate, except for changes of the radius. During the approach and the
+    # departure, the bearing may be constant or turn at twice the rate.
     on_circle = before.state is State.ON_CIRCLE and report.state is State.ON_CIRCLE
     rate = PHASE_RATE_TOLERANCE if on_circle else max(tau / report.lap_period, PHASE_RATE_TOLERANCE)
     sigmas = 3 * hypot(before.phase_sigma, report.phase_sigma)
@@ -151,7 +152,7 @@ def phase_tolerance(before: MemberReport, report: MemberReport) -> float:
 
 @dataclass(slots=True)
 class Member:
-    """Another member as accepted. jumped: the first and the newest report after a jump of its phase."""
+    """Accepted state of another member. jumped: first and newest report after a jump of its phase."""
 
     report: MemberReport
     address: Hashable
@@ -161,7 +162,7 @@ class Member:
 
 @dataclass(slots=True)
 class _Reason:
-    """Newest rejections for one reason: their times, s, and the newest detail."""
+    """Newest rejections for one reason: times, s, and the newest detail."""
 
     times: deque[float]
     detail: str = ""
@@ -180,8 +181,7 @@ class Acceptance:
         hosts: frozenset[str] | None = None,
         most_members: int = MOST_MEMBERS,
     ) -> None:
-        """group, member: own ids. signing, key: of the fleet, both or neither. hosts: the only ones that are accepted,
-        None for all."""
+        """group, member: own ids. signing, key: of the fleet, both or neither. hosts: accepted ones, None for all."""
         self.members: dict[int, Member] = {}
         self.rejected: Counter[Rejection] = Counter()
         self.accepted = self.copies = 0
@@ -192,11 +192,11 @@ class Acceptance:
         self._reasons: dict[Rejection, _Reason] = {}
 
     def sent(self, frame: bytes, now: float) -> None:
-        """Note an own frame: multicast returns it."""
+        """Remember an own frame, because multicast returns it."""
         self._remember(frame, now)
 
     def take(self, data: bytes, address: Hashable, now: float) -> MemberReport | None:
-        """Return the report in a datagram, None if it is not accepted. now: Unix time, s."""
+        """Return the report in a datagram, None if it is rejected. now: Unix time, s."""
         try:
             return self._take(data, address, now)
         except RejectedError as rejected:
@@ -211,11 +211,11 @@ class Acceptance:
         noted.detail = detail
 
     def alarms(self, now: float) -> list[str]:
-        """Return a line for each reason that has repeated lately."""
+        """Return a line for each reason that repeated recently."""
         lines = []
         for reason, noted in self._reasons.items():
             needed = 1 if reason is Rejection.FLOOD else ALARM_COUNT
-            # A clock that was set back leaves times in the future: these are old as well.
+            # abs(): after the clock was set back, old times lie in the future.
             recent = sum(abs(now - time) <= ALARM_TIME for time in noted.times)
             if reason in REMEDIES and recent >= needed:
                 lines.append(f"fleet link: {REMEDIES[reason]} ({noted.detail})")
@@ -226,8 +226,8 @@ class Acceptance:
         frame = frame_at(data, 0) if data else None
         if len(data) > LONGEST_FRAME or frame is None or frame.end != len(data) or not is_good(data, frame):
             raise RejectedError(Rejection.MALFORMED, f"{len(data)} bytes")
-        # Copies come by multicast loopback, by a mesh, and by a second route. The first one has been decided on, and
-        # a signature would refuse the second one as repeated.
+        # Copies arrive by multicast loopback, by a mesh, or by a second route. The first copy was already processed,
+        # and the signature check would reject the second one as a replay.
         if data in self._seen:
             self._check_copy(data, now)
             self.copies += 1
@@ -256,7 +256,7 @@ class Acceptance:
             raise RejectedError(Rejection.OTHER_ADDRESS, "not a peer")
 
     def _authentic_report(self, data: bytes, now: float) -> MemberReport:
-        """Return the report in a whole frame after its signature was checked."""
+        """Return the report in a complete frame after checking its signature."""
         self._check_signing_time(data, now)
         refused = Counter(self._decoder.counts.refused)
         messages = self._decoder.decode(data)
@@ -273,10 +273,10 @@ class Acceptance:
         return report
 
     def _check_signing_time(self, data: bytes, now: float) -> None:
-        """Raise RejectedError if the signature is of the future.
+        """Raise RejectedError if the timestamp of the signature is in the future.
 
-        Signing follows the newest timestamp that it accepts, as its rules demand. One member with a wrong clock would
-        take the timestamp of every member along, and a new one with a right clock would then be refused.
+        By the rules of MAVLink signing, the own timestamp follows the newest accepted one. A member with a wrong clock
+        would advance the timestamps of all members, and a new member with a correct clock would then be rejected.
         """
         if self._signing is None or self._key is None or not is_signed(data):
             return
@@ -303,9 +303,9 @@ class Acceptance:
             if len(self.members) >= self._most_members:
                 raise RejectedError(Rejection.TABLE_FULL, f"id {report.member} beside {len(self.members)} members")
             return
-        # A key proves the sender, and its frames are accepted from any address: else a relay that is quicker than the
-        # sender could make the sender's own frames look foreign. Two addresses are an alarm all the same. Without a key
-        # the first address counts, until it is silent.
+        # Signed frames are accepted from any address: otherwise a relay that is faster than the sender could make the
+        # sender's own frames look foreign. Two addresses still raise an alarm. Without signatures, only the first
+        # address is accepted until it is silent.
         if address != known.address and now - known.heard_at <= MOVES_AFTER:
             detail = f"id {report.member} at {spelt(known.address)} and at {spelt(address)}"
             if self._signing is None:
@@ -319,12 +319,12 @@ class Acceptance:
         self._check_phase(known, report, now)
 
     def _check_phase(self, known: Member, report: MemberReport, now: float) -> None:
-        """Raise RejectedError if a phase contradicts its own extrapolation, unless the new one has lasted."""
+        """Raise RejectedError if a phase contradicts its extrapolation, unless the new phase has lasted."""
         error, tolerance = phase_error(known.report, report), phase_tolerance(known.report, report)
         if error <= tolerance:
             return
-        # An estimator that has found the other side of the target jumps once and then goes on. A wrong frame does not
-        # go on. Until then the member is extrapolated from its accepted report.
+        # An estimator that corrects the side of the target jumps once and then continues consistently. A wrong frame
+        # does not continue. Until the new phase is confirmed, the member is extrapolated from its accepted report.
         first, newest = known.jumped or (report, report)
         if known.jumped and phase_error(newest, report) > phase_tolerance(newest, report):
             first = report
@@ -334,7 +334,7 @@ class Acceptance:
             raise RejectedError(Rejection.PHASE_JUMP, f"id {report.member} by {error * 180 / pi:.0f} deg")
 
     def _forget(self, now: float) -> None:
-        """Remove members that are silent, and those heard in the future of a clock that was set back."""
+        """Remove silent members, and members with reception times in the future after the clock was set back."""
         for ident in [one for one, member in self.members.items() if abs(now - member.heard_at) > FORGET_AFTER]:
             del self.members[ident]
 

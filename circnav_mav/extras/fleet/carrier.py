@@ -1,7 +1,7 @@
-"""Carrier of the fleet's reports between companion computers: a socket of its own, and never an autopilot.
+"""Carrier of the fleet's reports between companion computers, on a separate socket without autopilots.
 
-UDP multicast, or a list of peers. Nothing here waits, and nothing raises once the carrier is open: a closed network is
-an alarm and is tried again. The clock is the stamp of the own report, and the `now` of `received`.
+Transport: UDP multicast, or a list of peers. An open carrier never blocks and never raises: a network failure is an
+alarm and is retried. Time comes from the stamp of the own report and from the `now` of `received`.
 """
 
 import socket
@@ -22,30 +22,30 @@ from circnav_mav.mav.signing import Signing, without_signature
 from circnav_mav.runtime.endpoint import LinkError, explain, parse_endpoint, resolve
 
 MULTICAST, PORT = "239.255.145.51", 14560
-"""Group and UDP port of the fleet; the port follows those of the usual ground stations."""
+"""Multicast group and UDP port of the fleet. The port is next to those of the usual ground stations."""
 HOPS = 1
 """Time to live of a multicast datagram: no router passes it on."""
 INTERVAL = 0.2
-"""Least time, s, between two own reports: 5 Hz."""
+"""Shortest time, s, between two own reports: 5 Hz."""
 EARLY = 0.01
-"""Time, s, by which a report may be early: steps of the loop do not divide the interval exactly."""
+"""Time, s, by which a report may be early: the interval is not a multiple of the loop step."""
 MOST_DATAGRAMS = 64
-"""Datagrams read in one step: more than 255 members at 5 Hz send in a step of 50 ms."""
+"""Largest number of datagrams read in one step. 255 members at 5 Hz send this many in 50 ms."""
 RECEIVE_BUFFER = 1 << 16
-"""Buffer of the socket, bytes. Linux doubles it: about 170 reports. A longer queue only makes reports late."""
+"""Receive buffer of the socket, bytes. Linux doubles it: about 170 reports. A longer queue only delays reports."""
 RETRY = 2.0
 """Time, s, between two attempts to open the socket."""
 SILENCE = 5.0
-"""Time, s, without any datagram after which a multicast socket is opened again: own reports return to it. The
-membership of an interface that was unplugged is lost without an error."""
+"""Time, s, without any datagram after which a multicast socket is reopened: it also receives own reports. Unplugging an
+interface ends the group membership without an error."""
 PROBLEM_LASTS = 5.0
-"""Time, s, for which a problem is shown after it was last seen."""
+"""Time, s, for which a problem is reported after it last occurred."""
 MOST_FRAMES = 4096
-"""Frames that wait to be recorded."""
+"""Largest number of frames waiting to be recorded."""
 LINK_ID = 1
-"""Link id of our signatures on the fleet link: the vehicle's link has 0."""
+"""Link id of own signatures on the fleet link. The vehicle's link has 0."""
 _IP_MULTICAST_ALL = 49
-"""Option of Linux that Python does not name."""
+"""Linux socket option IP_MULTICAST_ALL, which Python does not define."""
 
 Datagram = tuple[bytes, Hashable]
 
@@ -53,7 +53,7 @@ Datagram = tuple[bytes, Hashable]
 @dataclass(frozen=True, slots=True)
 class FleetLink:
     """Endpoint of the fleet link. interface: name or IPv4 address of the network interface for multicast, empty for the
-    one of the default route. peers: HOST:PORT of every other member; if there are any, multicast is not used."""
+    default route. peers: HOST:PORT of every other member. With peers, multicast is not used."""
 
     address: str = MULTICAST
     port: int = PORT
@@ -62,29 +62,29 @@ class FleetLink:
 
 
 class Port(Protocol):
-    """Transport of datagrams. hosts: the only ones that may send, None for all."""
+    """Transport of datagrams. hosts: allowed senders, None for all."""
 
     hosts: frozenset[str] | None
 
     def send(self, frame: bytes, now: float) -> str | None:
-        """Send a frame to every other member. Return the problem, None if there is none."""
+        """Send a frame to every other member. Return the problem, or None."""
 
     def receive(self, most: int, now: float) -> list[Datagram]:
         """Return at most this number of datagrams that have arrived."""
 
     def close(self) -> None:
-        """Release what was opened."""
+        """Close the port."""
 
 
 class FrameCarrier:
-    """A `Carrier` of signed MAVLink frames over a port."""
+    """`Carrier` that sends signed MAVLink frames over a port."""
 
     def __init__(
         self, port: Port, group: int, member: int, key: bytes | None = None, *, most_members: int = MOST_MEMBERS
     ) -> None:
         """group, member: own ids. key: 32 bytes of the fleet's key, None for unsigned frames."""
-        # The vehicle's link has a `Signing` of its own. A member whose clock is wrong must not move the timestamp
-        # that signs commands to the autopilot.
+        # Separate `Signing` from the vehicle's link: a member with a wrong clock must not change the timestamp that
+        # signs commands to the autopilot.
         signing = None if key is None else Signing(key, link_id=LINK_ID)
         self.acceptance = Acceptance(group, member, signing, key, hosts=port.hosts, most_members=most_members)
         self.sent = 0
@@ -98,7 +98,7 @@ class FrameCarrier:
     def send(self, report: MemberReport) -> None:
         """Send a report, unless the last one was sent less than 0.2 s ago."""
         now = report.stamp
-        # A clock that was set back by more than the interval must not stop the reports until it has caught up.
+        # abs(): after the clock was set back, reports must not stop until it has caught up.
         if abs(now - self._sent_at) < INTERVAL - EARLY:
             return
         try:
@@ -139,7 +139,7 @@ class FrameCarrier:
         return frames
 
     def alarms(self, now: float) -> list[str]:
-        """Return the problems of the link, a line each."""
+        """Return the problems of the link, one line each."""
         problem = [f"fleet link: {self._problem}"] if abs(now - self._problem_at) <= PROBLEM_LASTS else []
         return problem + self.acceptance.alarms(now)
 
@@ -169,7 +169,7 @@ class UdpPort:
     """A UDP socket: multicast, or a list of peers. A socket that fails is closed and opened again."""
 
     def __init__(self, link: FleetLink) -> None:
-        """Raises LinkError for an endpoint that is written wrong or is in use. A missing network is no error."""
+        """Raises LinkError if an endpoint is invalid or in use. A missing network is not an error."""
         self._link = link
         self._peers = [_peer(text) for text in link.peers]
         if len({family for family, _ in self._peers}) > 1:
@@ -188,7 +188,7 @@ class UdpPort:
             self._problem = self._explain(error)
 
     def send(self, frame: bytes, now: float) -> str | None:
-        """Send a frame to the group, or to every peer. Return the problem, None if there is none."""
+        """Send a frame to the group or to every peer. Return the problem, or None."""
         opened = self._opened(now)
         if opened is None:
             return self._problem
@@ -198,7 +198,7 @@ class UdpPort:
                 opened.sendto(frame, address)
             except OSError as error:
                 self._problem = self._explain(error)
-        # Peers of which one is not reachable keep the socket: the others still receive.
+        # Keep the socket if a peer is unreachable: the other peers still receive.
         if self._problem and not self._peers:
             self._close(now)
         return self._problem
@@ -213,7 +213,7 @@ class UdpPort:
                 datagrams.append(opened.recvfrom(LONGEST_FRAME + 1))
             except BlockingIOError:
                 break
-            except OSError as error:  # a peer that has no socket on its port refuses, by ICMP
+            except OSError as error:  # a peer without a socket on its port replies by ICMP
                 self._problem = self._explain(error)
         if datagrams or self._heard_at == -inf:
             self._heard_at = now
@@ -227,7 +227,7 @@ class UdpPort:
         self._close(inf)
 
     def _opened(self, now: float) -> socket.socket | None:
-        """Return the socket, opened again if it is time to."""
+        """Return the socket. Reopen it if a retry is due."""
         if self._socket is None and self._retry_at != inf and abs(now - self._retry_at) >= RETRY:
             self._retry_at = now
             try:
@@ -244,7 +244,7 @@ class UdpPort:
         self._socket = None
 
     def _open(self) -> socket.socket:
-        """Return a bound socket that does not wait. Raises OSError."""
+        """Return a bound nonblocking socket. Raises OSError."""
         family = self._peers[0][0] if self._peers else socket.AF_INET
         opened = socket.socket(family, socket.SOCK_DGRAM)
         try:
@@ -260,14 +260,14 @@ class UdpPort:
         return opened
 
     def _join(self, opened: socket.socket) -> None:
-        """Bind to the group, so that datagrams to other addresses of this computer are not received, and join it."""
+        """Bind to the group and join it. Datagrams to other addresses of this computer are then not received."""
         link = self._link
         membership = _membership(link)
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         opened.bind((link.address, link.port))
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, HOPS)
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
-        # Linux would also pass on what comes in by another interface that another program has joined the group on.
+        # Without this option, Linux also delivers datagrams from interfaces on which another program joined the group.
         if sys.platform == "linux":
             opened.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
@@ -288,7 +288,7 @@ def open_carrier(
 
 
 class LocalNetwork:
-    """Network within one process, for fleets in lockstep: a datagram is received at the next step of each member."""
+    """Network within one process, for fleets in lockstep. Each member receives a datagram at its next step."""
 
     def __init__(self) -> None:
         self._ports: list[LocalPort] = []
@@ -299,7 +299,7 @@ class LocalNetwork:
         return self._ports[-1]
 
     def deliver(self, frame: bytes, sender: "LocalPort", now: float) -> None:
-        """Put a frame into the queue of every other port. Subclasses lose and delay frames."""
+        """Append a frame to the queue of every other port. Subclasses drop and delay frames."""
         for port in self._ports:
             if port is not sender:
                 port.queue.append((frame, sender.address))
@@ -321,13 +321,13 @@ class LocalPort:
         return None
 
     def receive(self, most: int, now: float) -> list[Datagram]:
-        """Return at most this number of datagrams. What does not fit is lost, as in a full socket."""
+        """Return at most `most` datagrams. The rest is lost, as in a full socket."""
         taken = self.queue[:most]
         self.queue.clear()
         return taken
 
     def close(self) -> None:
-        """Receive nothing more."""
+        """Discard all waiting datagrams."""
         self.queue.clear()
 
 
@@ -342,7 +342,7 @@ def _peer(text: str) -> tuple[socket.AddressFamily, Any]:
 
 
 def _check_multicast(link: FleetLink) -> None:
-    """Raise LinkError if an address is written wrong: it would never work."""
+    """Raise LinkError if the address is not an IPv4 multicast address."""
     try:
         right = ip_address(link.address).is_multicast and ip_address(link.address).version == 4
     except ValueError:

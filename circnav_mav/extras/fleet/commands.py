@@ -1,4 +1,4 @@
-"""The options of `circnav fly` and `circnav emulate` for a fleet."""
+"""Fleet options of `circnav fly` and `circnav emulate`."""
 
 import click
 

@@ -1,4 +1,4 @@
-"""`circnav emulate VEHICLE --fleet N`: N bundled vehicles, each on a port of its own, in real time."""
+"""`circnav emulate VEHICLE --fleet N`: N bundled vehicles in real time, each on its own port."""
 
 import select
 import subprocess
@@ -16,9 +16,9 @@ from circnav_mav.runtime.endpoint import LinkError, parse_endpoint
 from circnav_mav.runtime.runner import StopRequest
 
 LOOK_EVERY = 0.2
-"""Time between two looks at the processes, s."""
+"""Time between two checks of the processes, s."""
 PORTS_APART = 10
-"""From the port of one member to that of the next, as simulators of ArduPilot number theirs."""
+"""Difference between the ports of two members, as in ArduPilot's simulator."""
 
 
 def emulate_fleet(

@@ -1,6 +1,6 @@
-"""A whole fleet in one process, in lockstep: every member with its pilot, its bundled vehicle and its clock.
+"""Complete fleet in one process, in lockstep. Every member has its own pilot, bundled vehicle and clock.
 
-The members take turns in the order of simulated time, so that a fleet is the same to the last digit on any computer.
+The members run in the order of simulated time, so the result is identical on every computer.
 """
 
 import heapq
@@ -28,7 +28,7 @@ from circnav_mav.runtime.runner import Loop
 from circnav_mav.runtime.status import AlarmLog
 
 START_APART_DEG = 12.0
-"""Angle between the starts of two members as seen from the target: they come from one airfield."""
+"""Angle between the starts of two members, seen from the target, deg: they start from one airfield."""
 SAMPLE_EVERY = 0.2
 """Time between two samples of the true tracks, s."""
 SEEDS_APART = 1000
@@ -36,10 +36,10 @@ SEEDS_APART = 1000
 
 
 class LossyNetwork(LocalNetwork):
-    """A network within one process that loses and delays frames, the same ones for the same seed."""
+    """Network within one process that drops and delays frames, reproducibly for each seed."""
 
     def __init__(self, loss: float = 0.0, delay: float = 0.0, seed: int = 0) -> None:
-        """loss: share of the frames that each receiver loses. delay: s."""
+        """loss: share of frames lost at each receiver. delay: s."""
         super().__init__()
         self.cut: set[Hashable] = set()
         """Addresses that neither send nor receive."""
@@ -61,7 +61,7 @@ class LossyNetwork(LocalNetwork):
                 way.append((now + self._delay, frame, sender.address))
 
     def arrived(self, address: Hashable, now: float) -> list[Datagram]:
-        """Return the frames that have reached an address."""
+        """Return the frames that have arrived at an address."""
         way = self._under_way.get(address, [])
         self._under_way[address] = [one for one in way if one[0] > now]
         return [(frame, sender) for due, frame, sender in way if due <= now]
@@ -77,8 +77,7 @@ class LossyPort(LocalPort):
 
 
 def member_overrides(path: str | Path, member: int, overrides: Sequence[str] = (), size: int = 6) -> list[str]:
-    """Return the overrides that make a mission that of a member: id, height layer, seed and start. They come after the
-    given ones of the whole fleet."""
+    """Return the overrides of a member's mission: those of the whole fleet, then id, height layer, seed and start."""
     mission = load_mission(path, overrides)
     file, sim = mission.file, mission.file.sim or {}
     layer = table_of(mission).layer_m * (member - 1) if file.vehicle.kind != "rover" else 0.0
@@ -109,7 +108,7 @@ class Record(Protocol):
 
     @property
     def problem(self) -> str | None:
-        """What is wrong with the recording."""
+        """Problem of the recording, or None."""
 
     def step(self, step: LoopStep) -> None:
         """Record a step."""
@@ -124,16 +123,16 @@ class NoRecord:
     problem: str | None = None
 
     def step(self, step: LoopStep) -> None:
-        """Forget it."""
+        """Discard the step."""
 
     def ticks(self, records: list[TickRecord]) -> None:
-        """Forget them."""
+        """Discard the ticks."""
 
 
 @dataclass
 class Tracks:
-    """True tracks by time: east and north of the target and height of every member, m, its state, and whether it is
-    steered. drift: true, east and north, m/s. radius, sense, speed: of the mission."""
+    """True tracks. time: s. east, north, height: of every member relative to the target, m. state, flying: of
+    every member; flying is True if steered. drift: true, east and north, m/s. radius, sense, speed: of the mission."""
 
     radius: float
     speed: float
@@ -148,7 +147,7 @@ class Tracks:
 
 
 class Member:
-    """One member under way."""
+    """One member in flight."""
 
     def __init__(
         self, mission: Mission, carrier: FrameCarrier, recorder: Record, onlookers: Onlookers, pilot: Pilot
@@ -169,7 +168,7 @@ class Member:
         return self.clock.next_event(self.loop.due)
 
     def place(self, time: float) -> tuple[Truth, float, float]:
-        """Return the truth and the place relative to the target (east, north, m), carried on to a time."""
+        """Return the truth, and the position relative to the target (east, north, m) extrapolated to a time."""
         truth = self.vehicle.truth
         ahead = time - truth.time
         east = truth.east - truth.target_east + ahead * truth.ground_speed * sin(truth.course)
@@ -178,7 +177,7 @@ class Member:
 
 
 class FleetFlight:
-    """A fleet under way."""
+    """Fleet in flight."""
 
     def __init__(self, members: Iterable[Member], network: LossyNetwork) -> None:
         self.members, self.network = list(members), network
@@ -192,8 +191,8 @@ class FleetFlight:
         watch: Callable[["FleetFlight"], None] = lambda flight: None,
         stopped: Callable[[], str | None] = lambda: None,
     ) -> "FleetFlight":
-        """Fly to a time, or to the end of every member. watch: called after each sample. stopped: name of a signal that
-        has come to end the flight."""
+        """Fly until a time (s) or until all members have ended. watch: called after each sample. stopped: returns the
+        name of a signal that ends the flight, or None."""
         queue = [(member.next_event, i) for i, member in enumerate(self.members) if not member.loop.over]
         heapq.heapify(queue)
         while queue and queue[0][0] <= until:

@@ -1,4 +1,4 @@
-"""`circnav fly MISSION --fleet N`: a whole fleet on the bundled emulator, with one run folder for each member."""
+"""`circnav fly MISSION --fleet N`: a fleet on the bundled emulator, with one run folder per member."""
 
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
@@ -27,7 +27,7 @@ from circnav_mav.runtime.runner import StopRequest
 from circnav_mav.runtime.status import AlarmLog
 
 LINE_EVERY = 20.0
-"""Simulated time between two lines of progress, s."""
+"""Simulated time between two progress lines, s."""
 
 
 def fly_fleet(
@@ -68,7 +68,7 @@ def fly_fleet(
 
 
 def _fleet_folder(out: str | None, name: str) -> Path:
-    """Return the folder of the fleet, which no other one has. Raises Refused."""
+    """Return a new or empty folder for the fleet. Raises Refused."""
     if out is None:
         base = f"{local_time_name()}-{name}-fleet"
         names = chain((base,), (f"{base}-{number}" for number in count(2)))
@@ -119,7 +119,7 @@ def _show_progress(flight: FleetFlight) -> None:
 
 
 def _close(member: Member, epoch_us: int) -> Exit:
-    """Write summary and manifest of a member. Return its exit code."""
+    """Write the summary and manifest of a member. Return its exit code."""
     outcome, recorder = member.pilot.mission.outcome, member.recorder
     assert outcome is not None and isinstance(recorder, Recorder) and member.alarms is not None
     code = EXITS[outcome.ending]
@@ -155,7 +155,7 @@ def _keep(
 
 
 def _show(flight: FleetFlight, found: FleetFigures, folder: Path) -> None:
-    """Print the table of the fleet."""
+    """Print the results of the fleet."""
 
     def shown(value: float | None, unit: str, unknown: str = "unknown") -> str:
         return unknown if value is None else f"{value:.1f} {unit}"

@@ -1,4 +1,4 @@
-"""Reports of members as MAVLink frames, and back.
+"""Conversion between member reports and MAVLink messages.
 
 A report is one DEBUG_FLOAT_ARRAY: every log reader decodes it, and no autopilot acts on it. The sender's system id is
 its id within the group, its component id is COMPONENT, and `array_id` is the group. `time_usec` holds the stamp in
@@ -21,7 +21,7 @@ MESSAGE = dialect.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY
 LONGEST_FRAME = 280
 """Longest frame of MAVLink 2, with signature, bytes."""
 LATEST_STAMP = 1e13
-"""Greatest stamp, s, that `time_usec` is packed with: 64 bits hold more."""
+"""Latest timestamp sent in `time_usec`, s: below the limit of 64 bits."""
 _LENGTH = 58
 """Floats in DEBUG_FLOAT_ARRAY."""
 _USED = 12
@@ -52,7 +52,7 @@ def from_message(message: Message) -> MemberReport:
         member=message.get_srcSystem(),
         state=State(int(state)),
         stamp=message.time_usec / 1e6,
-        # The greatest phase below a full circle is rounded up to 6.2831855 in 32 bits, beyond a full circle.
+        # In 32 bits, the largest phase below 2 pi is rounded up to 6.2831855, which exceeds 2 pi.
         phase=phase % tau if 0 <= phase < tau + 1e-6 else phase,
         phase_sigma=sigma,
         lap_period=period,

@@ -1,12 +1,12 @@
-"""Even spacing of the members on one circle, from the temporal phases that they report.
+"""Even spacing of the members on one circle, from their reported temporal phases.
 
-Every member receives the reports of all, so that each finds the same slots by itself: no leader, no fixed number, no
-position. The slots are evenly spaced and as near as possible to where the members are (least squares). Fleet law:
+Every member receives all reports and computes the same slots: no leader, no fixed number of members and no positions
+are needed. The slots are evenly spaced and as near as possible to the members (least squares). Fleet law:
 
     u_i = c + 2 pi k_i / n - tau_i,   c = mean over k of (tau_k - 2 pi k / n),   k: rank of the phase on the ring
 
-A member that is behind its slot (u > 0) flies a smaller circle, or faster. A slow integral takes out what differs for
-good, such as airspeeds: two vehicles with 2 % between them stay even only on circles whose radii differ by 2 %.
+A member that is behind its slot (u > 0) flies a smaller circle, or faster. A slow integral corrects lasting differences
+such as airspeeds: two vehicles that differ by 2 % stay even only on circles whose radii differ by 2 %.
 """
 
 from collections.abc import Iterable, Mapping
@@ -17,37 +17,37 @@ from circnav_mav.extras.fleet.phase import LAP, wrapped
 from circnav_mav.extras.fleet.report import MemberReport, State
 
 SILENT = 10.0
-"""Age of a report, s, up to which a member is extrapolated. Older ones do not count, and the others close the gap."""
+"""Largest age of a report, s, up to which a member is extrapolated. After that the other members close the gap."""
 GAIN = 0.6
-"""Relative change of the angular rate by an error of 1 rad."""
+"""Relative change of the angular rate per error (1/rad)."""
 INTEGRAL = 0.2
 """Rate of the integral, in units of the angular rate times GAIN squared: below 0.25 the loop does not overshoot."""
 MAX_TRIM = 0.08
 """Largest value of the integral."""
 TRIM_WITHIN = 0.15
-"""Error, rad, up to which the integral runs: a larger one is on the way to its slot, and would be overshot."""
+"""Largest error, rad, for which the integral runs. With larger ones the member would overshoot its slot."""
 FORGET, FORGET_ALONE = 300.0, 30.0
-"""Time constants, s, with which the integral decays: so that a part common to all does not stay, and when alone."""
+"""Decay times of the integral, s: in a ring, to remove a part common to all members, and when alone."""
 SMOOTHING = 2.0
 """Time constant of the error, s."""
 MAX_RADIUS_CHANGE, MAX_RADIUS_SHARE, MAX_SPEED_SHARE = 20.0, 0.2, 0.15
-"""Limits of the modulation: of the radius in m and as a share of it, and of the speed as a share."""
+"""Limits of the modulation: radius in m, radius as a share, speed as a share."""
 LANE, LANE_SHARE = 25.0, 0.25
-"""The outer lane lies so far outside of the circle, m, and at most so much of its radius."""
+"""Distance of the outer lane from the circle, m, and its limit as a share of the radius."""
 CLOSE = 0.035
-"""Phase difference, rad, below which two members are ordered by their ids: noise would swap them again and again."""
+"""Phase difference, rad, below which two members are ordered by id: noise would swap them repeatedly."""
 FORMED = 0.35
-"""Largest error, rad, in a ring that counts as formed: who joins it waits in the outer lane for a gap."""
+"""Largest error, rad, in a formed ring. A joining member then waits in the outer lane for a gap."""
 LEAST_RING = 2
-"""Members from which a ring can be formed."""
+"""Smallest number of members in a formed ring."""
 CLEARANCE = 0.7
-"""Distance to both neighbors, in units of half the even gap, at which a member in the outer lane enters."""
+"""Smallest distance to both neighbors, in units of half the even gap, for a member to enter from the outer lane."""
 
 
 def slot_errors(phases: Mapping[int, float]) -> dict[int, float]:
-    """Return u of every member, rad, by id: how far it is behind its slot.
+    """Return u of every member by id: its phase lag behind its slot, rad.
 
-    The ring may be cut anywhere: moving the first member to the end turns all slots by one rank, and changes none.
+    The result does not depend on which member is first in the ring.
     """
     ring = sorted(phases, key=lambda member: phases[member] % LAP)
     n = len(ring)
@@ -62,7 +62,7 @@ def slot_errors(phases: Mapping[int, float]) -> dict[int, float]:
 
 
 def gaps(phases: Iterable[float]) -> list[float]:
-    """Return the gaps between neighbors round the ring, rad; they add up to a lap."""
+    """Return the gaps between neighbors on the ring, rad. Their sum is one lap."""
     ring = sorted(phase % LAP for phase in phases)
     if not ring:
         return []
@@ -71,9 +71,9 @@ def gaps(phases: Iterable[float]) -> list[float]:
 
 @dataclass(frozen=True, slots=True)
 class SpacingSettings:
-    """Facts of one member. radius, speed: of the circle, m and m/s. by_speed: True to modulate the speed (copters).
-    trims_speed: True if the vehicle follows speed commands, so that the integral moves the speed. inward, outward:
-    room that the mission leaves beside the circle, m."""
+    """Settings of one member. radius, speed: of the circle, m, m/s. by_speed: True to modulate the speed (copters).
+    trims_speed: True to apply the integral to the speed; the vehicle must follow speed commands. inward, outward:
+    room beside the circle allowed by the mission, m."""
 
     member: int
     radius: float
@@ -85,12 +85,12 @@ class SpacingSettings:
     outward: float = LANE
 
     def limited(self, room: tuple[float, float]) -> "SpacingSettings":
-        """Return the settings with so much room inward and outward, m."""
+        """Return the settings with this room (inward, outward), m."""
         return replace(self, inward=room[0], outward=room[1])
 
     @property
     def most(self) -> float:
-        """Largest relative change of the angular rate. The same to both sides: a sum of zero stays zero."""
+        """Largest relative change of the angular rate, symmetric so that the changes of a fleet still sum to zero."""
         if self.by_speed:
             return MAX_SPEED_SHARE
         return min(min(MAX_RADIUS_CHANGE, self.inward, self.outward) / self.radius, MAX_RADIUS_SHARE)
@@ -103,7 +103,7 @@ class SpacingSettings:
 
 @dataclass(frozen=True, slots=True)
 class Own:
-    """Own flight at one moment. phase, phase_sigma: temporal phase, rad; None if unknown. range: m."""
+    """Own state at one time. phase, phase_sigma: temporal phase, rad; None if unknown. range: m."""
 
     phase: float | None
     phase_sigma: float
@@ -113,8 +113,8 @@ class Own:
 
 @dataclass(frozen=True, slots=True)
 class Adjustment:
-    """Result of a step. offset: m outward from the circle. speed: factor of the speed. error: smoothed u, rad, or None
-    while not counted. counted: phases of the members on the circle, own one included, rad, by id."""
+    """Result of a step. offset: m outward from the circle. speed: factor of the speed. error: smoothed u, rad,
+    None while not on the circle. counted: phases of the members on the circle including this one, rad, by id."""
 
     state: State
     offset: float
@@ -124,21 +124,21 @@ class Adjustment:
 
 
 class Spacing:
-    """Spacing of one member: reports and own phase in, changes of radius and speed out. Times in s, of one clock."""
+    """Fleet law of one member: reports and own phase in, changes of radius and speed out. Times: s, on one clock."""
 
     def __init__(self, settings: SpacingSettings) -> None:
         self.settings = settings
         self.known: dict[int, MemberReport] = {}
         """Newest report of every other member."""
         self.sense = settings.sense
-        """Sense of rotation now: the operator may reverse it."""
+        """Current sense of rotation, which the operator may reverse."""
         self.trim = 0.0
         self._error: float | None = None
         self._before: float | None = None
         self._entered, self._known_at = False, float("-inf")
 
     def take(self, reports: Iterable[MemberReport]) -> None:
-        """Take in reports of other members."""
+        """Store newer reports of other members."""
         for report in reports:
             before = self.known.get(report.member)
             if report.member != self.settings.member and (before is None or report.stamp >= before.stamp):
@@ -149,12 +149,13 @@ class Spacing:
         return {member: report for member, report in self.known.items() if now - report.stamp <= SILENT}
 
     def phases(self, now: float) -> dict[int, float]:
-        """Return the phases of the other members on the circle, extrapolated: a phase grows steadily in any wind."""
+        """Return the extrapolated phases of the other members on the circle. Their rate is constant in any wind."""
         ring = {
             member: report
             for member, report in self.present(now).items()
             if report.state is State.ON_CIRCLE and report.sense == self.sense
         }
+        # Skip phases with a sigma above half the even gap: their rank on the ring is uncertain.
         sure = {m: r for m, r in ring.items() if r.phase_sigma <= pi / (len(ring) + 1)}
         return {
             member: (report.phase + LAP * (now - report.stamp) / report.lap_period) % LAP
@@ -162,7 +163,7 @@ class Spacing:
         }
 
     def step(self, now: float, own: Own) -> Adjustment:
-        """Return what to fly now."""
+        """Return the adjustment to fly now."""
         dt = 0.0 if self._before is None else min(max(now - self._before, 0.0), 1.0)
         self._before = now
         others = self.phases(now)
@@ -170,19 +171,20 @@ class Spacing:
         if state is not State.ON_CIRCLE or own.phase is None:
             self._error = None
             self._decay(dt, FORGET_ALONE)
+            # Members that leave, or wait for a gap in a formed ring, fly in the outer lane.
             waits = state is State.LEAVING or (state is State.PHASE_KNOWN and self._formed(others))
             return Adjustment(state, self.settings.lane if waits else 0.0, 1.0, None, others)
         counted = others | {self.settings.member: own.phase}
         error = slot_errors(counted)[self.settings.member]
         before = error if self._error is None else self._error
-        # A change of ranks moves the slot at once: the error follows at once, too.
+        # A change of ranks moves the slot by a step: let the smoothed error follow without delay.
         jumped = abs(error - before) > pi / len(counted)
         self._error = error if jumped else before + (error - before) * dt / (SMOOTHING + dt)
         self._integrate(dt, alone=not others)
         return self._adjustment(state, counted)
 
     def _state(self, now: float, own: Own, others: Mapping[int, float]) -> State:
-        """Return the own state; enter the circle where there is room."""
+        """Return the own state. Enter the circle if there is room."""
         settings = self.settings
         if own.leaving:
             return State.LEAVING
@@ -192,6 +194,8 @@ class Spacing:
         self._known_at = now
         if self._entered or own.phase_sigma > pi / (len(others) + 1):
             return State.ON_CIRCLE if self._entered else State.PHASE_KNOWN
+        # Join a formed ring only where both neighbors are far enough away. Otherwise enter as soon as the vehicle is
+        # near the circle: the members then space themselves.
         if self._formed(others):
             near = min(abs(wrapped(phase - own.phase)) for phase in others.values())
             room = near >= CLEARANCE * pi / len(others)
@@ -201,7 +205,7 @@ class Spacing:
         return State.ON_CIRCLE if self._entered else State.PHASE_KNOWN
 
     def _formed(self, others: Mapping[int, float]) -> bool:
-        """True if the other members are a ring that is even already."""
+        """True if the other members already form an even ring."""
         return len(others) >= LEAST_RING and max(map(abs, slot_errors(others).values())) <= FORMED
 
     def _integrate(self, dt: float, *, alone: bool) -> None:
@@ -216,7 +220,7 @@ class Spacing:
         self.trim *= exp(-dt / time)
 
     def _adjustment(self, state: State, counted: dict[int, float]) -> Adjustment:
-        """Turn the error into a change of speed or radius. The integral moves the speed where the vehicle follows."""
+        """Return the change of speed or radius for the error. The integral changes the speed if it can be commanded."""
         assert self._error is not None
         settings, most = self.settings, self.settings.most
         quick = min(max(GAIN * self._error, -most), most)
@@ -230,14 +234,16 @@ class Spacing:
 
 
 def least_time_to_even(n: int, angular_rate: float, most: float, apart: float = 0.0) -> float:
-    """Return the shortest time, s, in which n members get even that are `apart` (rad) from each other: the outermost
-    ones need it. angular_rate: rad/s. most: largest relative change of it."""
+    """Return the shortest time, s, to space n members evenly. The outermost members need it.
+
+    angular_rate: rad/s. most: largest relative change of it. apart: initial gap between neighbors, rad.
+    """
     outermost = (n - 1) / 2 * (LAP / n - apart)
     return outermost * (1 + most) / (angular_rate * most)
 
 
 def evenness_floor(n: int, sigma: float) -> float:
-    """Return the expected worst of n gap errors, rad. sigma: error of each phase that no member can measure, rad.
+    """Return the expected largest of n gap errors, rad. sigma: unobservable error of each phase, rad.
 
     A gap has the errors of two members. The largest of n normal variables is near sqrt(2 ln n) standard deviations.
     """

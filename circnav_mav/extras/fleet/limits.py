@@ -1,4 +1,4 @@
-"""What a mission allows its fleet, and the limits that `check` names."""
+"""Spacing settings that a mission allows, and the fleet limits printed by `check`."""
 
 from collections.abc import Iterator
 from math import degrees, pi, radians
@@ -11,20 +11,20 @@ from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check
 from circnav_mav.mission.mission import Mission
 
 GAP_SIGMAS = 4.0
-"""Gap, in standard deviations of the worst gap error, that a circle must leave between two members."""
+"""Smallest gap between two members, in standard deviations of the worst gap error."""
 COMPASS_SIGMA = radians(2.0)
-"""Usual error of a compass after calibration, rad."""
+"""Typical error of a calibrated compass, rad."""
 LEAST_GAP = 25.0
-"""Least distance of neighbors on the circle, m, that separates them without their layers."""
+"""Smallest distance of neighbors on the circle, m, that separates them without height layers."""
 LEAST_RATE = 1.0
-"""Least rate of ranges for one member, Hz, at which the relative motion is found."""
+"""Smallest range rate of one member, Hz, for estimating the relative motion."""
 MAX_ROOM = 25
-"""Room beside the circle that the fleet law uses at most, m."""
+"""Largest room beside the circle that the fleet law uses, m."""
 AUTO_LAWS = ("auto", "drift")
 
 
 def spacing_settings(mission: Mission, member: int) -> SpacingSettings:
-    """Return the facts of a member. Only as much is modulated as the circle limits of the mission allow."""
+    """Return the spacing settings of a member. The circle limits of the mission bound the modulation."""
     orbit, kind = mission.orbit, mission.file.vehicle.kind
     limits = mission.pilot_settings().circle_limits
     settings = SpacingSettings(
@@ -39,7 +39,7 @@ def spacing_settings(mission: Mission, member: int) -> SpacingSettings:
 
 
 def _room(orbit: Orbit, limits: CircleLimits) -> tuple[float, float]:
-    """Return how far inward and outward of the circle the mission may fly, m."""
+    """Return the room inward and outward of the circle that the mission allows, m."""
 
     def flyable(offset: float) -> bool:
         return not obstacle(CircleRequest(offset=offset), orbit, limits)
@@ -50,7 +50,7 @@ def _room(orbit: Orbit, limits: CircleLimits) -> tuple[float, float]:
 
 
 def fleet_limits(mission: Mission, table: FleetTable) -> Iterator[Check]:
-    """Yield how many members the circle carries, how even and how fast they get, and the ranging rate of each."""
+    """Yield checks of the fleet size, the evenness and its time, and the ranging rate of each member."""
     assert table.id is not None
     if mission.file.guidance.law not in AUTO_LAWS:
         words = f'the law {mission.file.guidance.law} does not estimate the phase: set guidance.law = "auto"'

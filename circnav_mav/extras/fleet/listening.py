@@ -1,4 +1,4 @@
-"""What `preflight` says of the other members: it listens to their reports and sends none."""
+"""Preflight check of the other members. It receives their reports and sends none."""
 
 import select
 from collections.abc import Iterator
@@ -13,13 +13,13 @@ from circnav_mav.mission.mission import Mission
 from circnav_mav.runtime.clock import steady, unix_time
 
 LISTEN = 3.0
-"""Time to listen, s: fifteen reports of each member."""
+"""Time to listen, s: 15 reports of each member."""
 REFUSED = (Rejection.SAME_ID, Rejection.CLOCKS_DISAGREE, Rejection.WRONG_KEY, Rejection.UNSIGNED)
-"""Rejections that make a fleet impossible; the others are counted in flight."""
+"""Rejections that fail the preflight. Others are counted in flight."""
 
 
 def listen_to_fleet(mission: Mission, table: FleetTable) -> Iterator[Check]:
-    """Yield what is found: members, ids and clocks, and height layers. Raises Refused."""
+    """Receive reports, and yield checks of members, ids, clocks and height layers. Raises Refused."""
     carrier = mission_carrier(table)
     newest: dict[int, MemberReport] = {}
     until = steady() + LISTEN
@@ -40,7 +40,7 @@ def judge_fleet(
     rejected: dict[Rejection, int],
     problems: list[str],
 ) -> Iterator[Check]:
-    """Yield the lines for what was received. newest: report of each member, by id."""
+    """Yield the checks of the received reports. newest: newest report of each member, by id."""
     others = ", ".join(map(str, sorted(newest))) or "none yet"
     yield Check(PASS, "fleet", f"group {table.group}, id {table.id}; members received: {others}")
     fatal = any(rejected.get(reason) for reason in REFUSED)

@@ -16,9 +16,9 @@ EVEN = np.radians(5.0)
 LASTS = 20.0
 """Time, s, for which all gaps must be within EVEN."""
 NEAR_ABOVE, NEAR_BESIDE = 10.0, 25.0
-"""Vertical and horizontal distance, m, below which, both together, two members are too near each other."""
+"""Vertical and horizontal distance, m. Two members are too near each other if both are smaller."""
 MAX_DRIFT_CHANGE = 0.5
-"""Change of the true drift, m/s, from which on the true phase gets a new map."""
+"""Change of the true drift, m/s, that requires a new map of the true phase."""
 
 Array = NDArray[np.float64]
 
@@ -26,9 +26,9 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True, slots=True)
 class FleetFigures:
     """Figures of one fleet. all_on_circle_s: time from the start until every member flew on the circle. even_after_s:
-    from then until all gaps were within 5 deg, for 20 s. worst_gap_deg: rms of the worst gap error after that.
-    radius_rms_m: of all members after that, about the circle of the mission. radius_spread_m: about the mean radius of
-    each. smallest_horizontal_m, smallest_vertical_m, smallest_distance_m: between any two. too_near: number of pairs
+    from then until all gaps were within 5 deg for 20 s. worst_gap_deg: rms of the worst gap error after that.
+    radius_rms_m: rms radius error of all members after that. radius_spread_m: the same about each member's mean radius.
+    smallest_horizontal_m, smallest_vertical_m, smallest_distance_m: between any two members. too_near: number of pairs
     that were within 10 m vertically and 25 m horizontally.
     """
 
@@ -72,7 +72,7 @@ def gap_errors(tracks: Tracks) -> Array:
 
 
 def even_from(errors: Array, first: int) -> int | None:
-    """Return the first sample from which on all gaps are within EVEN for LASTS; None if there is none."""
+    """Return the first sample from which all gaps are within EVEN for LASTS, or None."""
     lasts, good = round(LASTS / SAMPLE_EVERY), errors <= EVEN
     return next((k for k in range(first, len(good) - lasts) if good[k : k + lasts].all()), None)
 
@@ -105,8 +105,8 @@ def figures(tracks: Tracks) -> FleetFigures:
 
 
 def _separation(tracks: Tracks) -> tuple[float | None, float | None, float | None, int]:
-    """Return the smallest horizontal, vertical and true distance of two steered members, and how many pairs were too
-    near each other."""
+    """Return the smallest horizontal, vertical and true distance of two steered members, m, and the number of pairs
+    that were too near each other."""
     east, north, height = np.array(tracks.east), np.array(tracks.north), np.array(tracks.height)
     flying = np.array(tracks.flying)
     beside, above, apart, near = [], [], [], 0

@@ -1,7 +1,7 @@
-"""One member of the fleet beside its pilot: reports out, reports in, and requests that space it.
+"""Fleet member next to its pilot: sends and receives reports, and requests changes that space the fleet evenly.
 
-It reads the relative motion that the pilot steers by. It requests changes of radius and speed within narrow limits, and
-no other circle. Without reports from the others it requests nothing new, and the flight goes on as that of one vehicle.
+It uses the relative motion estimated by the pilot. It requests only changes of radius and speed within narrow limits.
+Without reports from other members it requests nothing, and the vehicle flies as a single one.
 """
 
 import io
@@ -29,26 +29,26 @@ from circnav_mav.runtime.keys import KeyFileError, read_key
 from circnav_mav.runtime.onlookers import Onlooker, OnlookerSettings
 
 STEP = 0.1
-"""Least time between two steps of the law, s."""
+"""Shortest time between two steps of the fleet law, s."""
 REQUEST_EVERY, LEAST_OFFSET, LEAST_PACE = 0.5, 0.1, 0.002
-"""Least time between two requests, s, and the least change that is worth one, m and as a share of the speed."""
+"""Shortest time between two requests, s, and smallest change that is requested: m, and share of the speed."""
 MAP_EVERY = 1.0
-"""Time between two maps of the phase, s."""
+"""Time between two updates of the phase map, s."""
 DRIFT_TIME = 10.0
-"""Time constant with which the drift of the map is smoothed, s: gusts do not change the lap."""
+"""Time constant of the drift used for the phase map, s: gusts do not change the lap."""
 LEAVE_AHEAD = 15.0
-"""Time before the end of the flight, s, from which on a member announces that it leaves."""
+"""Time before the end of the flight, s, at which a member announces that it leaves."""
 FAREWELL = 1.0
-"""Time after the end, s, for which a member goes on to report that it leaves: some of the reports may be lost."""
+"""Time after the end, s, for which a member still reports that it leaves: some reports may be lost."""
 LAYER_SHARE = 0.5
-"""Height difference, in units of the layers' distance, below which two members are in one layer."""
+"""Height difference, as a share of the layer distance, below which two members are in the same layer."""
 UNKNOWN_VARIANCE = 1e4
 """Variance of an unknown drift, (m/s)^2."""
 COLUMNS = "time,state,phase_deg,phase_sigma_deg,error_deg,offset_m,pace,present,counted"
 
 
 def layer_lines(heights: Mapping[int, float], layer: float) -> list[str]:
-    """Return a line for each pair of members that are in one height layer. heights: above the target, m, by id. layer:
+    """Return a line for each pair of members in the same height layer. heights: above the target, m, by id. layer:
     distance of the layers, m."""
     known = sorted((member, height) for member, height in heights.items() if isfinite(height))
     return [
@@ -65,14 +65,14 @@ FLEET_LAYER = Condition("fleet_layer", long="{found}")
 
 
 class FleetOnlooker(Onlooker):
-    """A member of a fleet."""
+    """Onlooker of one fleet member."""
 
     name = "fleet"
 
     def __init__(
         self, mission: Mission, pilot: Pilot, table: FleetTable, carrier: FrameCarrier | None, *, lockstep: bool
     ) -> None:
-        """carrier: None for a member that no other can receive. lockstep: True if stamps are simulated time."""
+        """carrier: None for a member without a fleet link. lockstep: True if timestamps are simulated time."""
         assert table.id is not None
         self.spacing = Spacing(spacing_settings(mission, table.id))
         self.carrier = carrier
@@ -96,14 +96,14 @@ class FleetOnlooker(Onlooker):
 
     @property
     def busy(self) -> bool:  # type: ignore[override]
-        """True for a short time after the end: the farewell is reported some times."""
+        """True for a short time after the end, while the departure is still reported."""
         return self._over_at is not None and self._now - self._over_at < FAREWELL
 
     def start(self, epoch_us: int) -> None:
         self._epoch = 0.0 if self._lockstep else epoch_us / 1e6
 
     def on_step(self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None) -> Sequence[bytes]:
-        """Take in reports, find the own phase, and report it."""
+        """Process received reports, estimate the own phase, and send the own report."""
         self._now = now = step.time
         if self._pilot.done and self._over_at is None:
             self._over_at = now
@@ -127,7 +127,7 @@ class FleetOnlooker(Onlooker):
         return self.carrier.take_frames() if self.carrier is not None else ()
 
     def circle_requests(self, now: float) -> Sequence[CircleRequest]:
-        """Return the change of radius and speed that is wanted now, at most twice a second."""
+        """Return the requested change of radius and speed, at most twice a second."""
         adjusted = self.adjusted
         steering = self._pilot.mission.phase is Phase.ENGAGED
         if adjusted is None or not steering or now - self._requested_at < REQUEST_EVERY:
@@ -158,7 +158,7 @@ class FleetOnlooker(Onlooker):
         return found
 
     def layer_alarms(self, now: float) -> list[str]:
-        """Return a line for each pair of members in one height layer: their alarm is everybody's."""
+        """Return a line for each pair of members in the same height layer. Every member raises the alarm."""
         present = self.spacing.present(self._epoch + now)
         heights = {member: report.height for member, report in present.items()}
         height = self._pilot.tracker.height.at(now)
@@ -211,13 +211,13 @@ class FleetOnlooker(Onlooker):
         self._follow(relative, now, dt)
         assert self._map is not None
         phase, rate = self._map.at(circle_angle(relative.x, relative.y, self._sense))
-        # The estimate is of the moment of the pilot's step. The loop may have gone on without one.
+        # The estimate is valid at the pilot's last step. Extrapolate the phase to now.
         phase += LAP * (now - estimate.time) / self._lap_period()
         sigma = relative.sigma / max(estimate.r, 1.0) * rate
         self._own = Own(phase % LAP, sigma, estimate.r, leaving)
 
     def _follow(self, relative: RelativeMotion, now: float, dt: float) -> None:
-        """Smooth the drift and the airspeed, and make a new map of the phase now and then."""
+        """Smooth the drift and the airspeed, and update the phase map every second."""
         share = dt / (DRIFT_TIME + dt)
         before = self._drift or (relative.drift_x, relative.drift_y)
         self._drift = (
@@ -228,7 +228,7 @@ class FleetOnlooker(Onlooker):
         self._airspeed += share * (relative.airspeed - self._airspeed)
         if self._map is None or now - self._map_at >= MAP_EVERY:
             drift = self._own_drift()
-            if self.state is not State.ON_CIRCLE:  # a joiner begins with what the others know of the drift
+            if self.state is not State.ON_CIRCLE:  # before joining, use the drift of the other members too
                 for report in self.spacing.present(self._epoch + now).values():
                     if report.state is State.ON_CIRCLE:
                         drift = intersected(drift, Drift(report.drift, report.drift_covariance))
@@ -236,7 +236,7 @@ class FleetOnlooker(Onlooker):
 
     @property
     def _sense(self) -> int:
-        """Sense of rotation of the circle that is flown now."""
+        """Sense of rotation of the current circle."""
         return self._pilot.controller.circle.direction.turn_sign
 
     def _own_drift(self) -> Drift:
@@ -252,7 +252,7 @@ class FleetOnlooker(Onlooker):
         return self._map.lap_time * orbit.radius
 
     def _leaves(self, now: float) -> bool:
-        """True if the vehicle is about to leave the circle, or is no longer ours."""
+        """True if the vehicle is about to leave the circle, or the pilot no longer controls it."""
         mission = self._pilot.mission
         if mission.phase in (Phase.YIELDED, Phase.LEAVING, Phase.ENDED):
             return True
@@ -271,7 +271,7 @@ class FleetOnlooker(Onlooker):
 
 
 def mission_carrier(table: FleetTable) -> FrameCarrier:
-    """Open the carrier that a mission names, signed with the key of the fleet. Raises Refused."""
+    """Open the carrier configured in a mission, with the signing key of the fleet. Raises Refused."""
     assert table.id is not None
     try:
         key = None if table.key_file is None else read_key(Path(table.key_file))
@@ -282,8 +282,10 @@ def mission_carrier(table: FleetTable) -> FrameCarrier:
 
 
 def join_fleet(given: OnlookerSettings) -> FleetOnlooker:
-    """Return the member beside the pilot. In simulated time only `circnav fly --fleet` brings a carrier: a real network
-    is slower than the simulation. Raises Refused."""
+    """Return the onlooker of a fleet member. Raises Refused.
+
+    In simulated time only `circnav fly --fleet` provides a carrier: a real network is slower than the simulation.
+    """
     mission, table = given.mission, table_of(given.mission)
     assert table.id is not None
     carrier: FrameCarrier | None = given.options.get("fleet_carrier")

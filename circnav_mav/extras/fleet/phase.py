@@ -1,7 +1,7 @@
-"""Temporal phase: how far a vehicle is round its lap, measured in time, so that it grows steadily in any wind.
+"""Temporal phase: progress of a vehicle on its lap, measured in time, so that it has a constant rate in any wind.
 
-A vehicle of constant airspeed is slow against the drift and fast along it. Members that are even in time are therefore
-uneven in angle. Angles are taken in the sense of rotation, from east, so that every circle is counter-clockwise here.
+A vehicle with constant airspeed is slow against the drift and fast along it. Members that are even in time are
+therefore uneven in angle. Angles count from east in the sense of rotation: every circle is counter-clockwise here.
 """
 
 from dataclasses import dataclass
@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 LAP = 2 * pi
-"""Phase of a whole lap, rad."""
+"""Phase of a full lap, rad."""
 POINTS = 120
-"""Points of the table of a lap. Linear interpolation between them is exact to 0.01 deg."""
+"""Number of table points per lap. Linear interpolation between them is accurate to 0.01 deg."""
 MAX_DRIFT_SHARE = 0.9
-"""Largest drift, in units of the airspeed, that the map takes: no circle can be flown in a faster one."""
+"""Largest drift of the map, as a share of the airspeed. In a faster drift no circle can be flown."""
 
 Pair = tuple[float, float]
 
@@ -29,8 +29,8 @@ class Drift(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class PhaseMap:
-    """Map from the angle on the circle to the temporal phase, for one drift. rate: of the phase by the angle, at the
-    points of the table. phase: at these points. lap_time: duration of a lap of radius 1 m, s."""
+    """Map from the angle on the circle to the temporal phase, for one drift. phase, rate: phase and its derivative with
+    respect to the angle, at the table points. lap_time: duration of a lap of radius 1 m, s."""
 
     rate: np.ndarray
     phase: np.ndarray
@@ -51,7 +51,7 @@ class PhaseMap:
         return cls(slowness * LAP / passed[-1], passed * LAP / passed[-1], float(passed[-1]))
 
     def at(self, angle: float) -> tuple[float, float]:
-        """Return the temporal phase at an angle, rad, and its rate by the angle."""
+        """Return the temporal phase at an angle, rad, and its derivative with respect to the angle."""
         place = angle % LAP * (POINTS / LAP)
         index = min(int(place), POINTS - 1)
         share = place - index
@@ -61,7 +61,7 @@ class PhaseMap:
 
 
 def circle_angle(x: float, y: float, sense: int) -> float:
-    """Return the angle on the circle of a position relative to the target (east, north), in the sense of rotation."""
+    """Return the angle on the circle, rad, in the sense of rotation. x, y: east and north of the target, m."""
     return atan2(sense * y, x) % LAP
 
 
@@ -73,7 +73,7 @@ def wrapped(angle: float) -> float:
 def intersected(one: Drift, other: Drift) -> Drift:
     """Fuse two estimates whose correlation is unknown (covariance intersection, Julier and Uhlmann 1997).
 
-    The weight is the one of a few that leaves the least determinant.
+    The weight (one of eleven) minimizes the determinant.
     """
     a, b = _matrix(one), _matrix(other)
     inverse_a, inverse_b = np.linalg.inv(a), np.linalg.inv(b)

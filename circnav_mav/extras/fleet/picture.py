@@ -1,4 +1,4 @@
-"""Picture of a fleet: frames of its tracks, and its phases and gaps by time."""
+"""Picture of a fleet: snapshots of its tracks, and phases and gaps over time."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from circnav_mav.extras.fleet.phase import LAP
 from circnav_mav.extras.fleet.report import State
 
 FRAMES = 6
-"""Moments drawn; chosen, for one line of pictures."""
+"""Number of snapshots; chosen."""
 TRAIL = 15.0
 """Length of the trails, s."""
 COLORS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377")
@@ -25,7 +25,7 @@ def draw_fleet(tracks: Tracks, path: Path) -> None:
     grid = figure.add_gridspec(3, 3, height_ratios=(1.0, 1.0, 0.9))
     on = np.flatnonzero([State.ON_CIRCLE in states for states in tracks.state])
     first, last = (on[0], on[-1]) if len(on) else (0, len(tracks.time) - 1)
-    # Most happens while they even out: the frames are closer together there.
+    # Most changes happen at the start: the snapshots are closer together there.
     share = np.array([0.0, 0.08, 0.2, 0.34, 0.52, 0.95])
     for place, index in enumerate((first + share * (last - first)).astype(int)):
         _frame(figure.add_subplot(grid[place // 3, place % 3]), tracks, int(index))
@@ -39,7 +39,7 @@ def _color(member: int) -> str:
 
 
 def _frame(axes: Axes, tracks: Tracks, index: int) -> None:
-    """Draw one moment with the trail of each member."""
+    """Draw one snapshot with the trail of each member."""
     east, north = np.array(tracks.east), np.array(tracks.north)
     since = max(index - round(TRAIL / SAMPLE_EVERY), 0)
     angle = np.linspace(0.0, LAP, 200)
@@ -66,7 +66,7 @@ def _frame(axes: Axes, tracks: Tracks, index: int) -> None:
 
 
 def _phases(axes: Axes, tracks: Tracks) -> None:
-    """Draw the phases relative to the mean motion: level lines are members that keep their slots."""
+    """Draw the phases relative to the mean motion. A member that keeps its slot is a level line."""
     time, phases = np.array(tracks.time), true_phases(tracks)
     on = np.array([[state is State.ON_CIRCLE for state in row] for row in tracks.state])
     unwrapped = np.unwrap(phases, axis=0)
@@ -82,7 +82,7 @@ def _phases(axes: Axes, tracks: Tracks) -> None:
 
 
 def _gaps(axes: Axes, tracks: Tracks) -> None:
-    """Draw the worst gap error by time."""
+    """Draw the worst gap error over time."""
     errors = np.degrees(gap_errors(tracks))
     axes.semilogy(tracks.time, np.maximum(errors, 0.1), color="0.2", lw=1.2)
     axes.axhline(5.0, color="#ee6677", ls="--", lw=1.0)

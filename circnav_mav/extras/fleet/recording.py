@@ -1,4 +1,4 @@
-"""Reports of the fleet in the tlog of a flight. Each run folder holds the own reports and those that were accepted."""
+"""Fleet reports in the tlog of a flight. Each run folder holds the own and the accepted reports."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,10 +9,10 @@ from circnav_mav.runlog.tlog import read_messages
 
 
 def recorded_reports(tlog: Path) -> Iterator[tuple[float, MemberReport]]:
-    """Return (Unix time of recording, report) pairs in their order. Raises OSError."""
+    """Yield (Unix time of recording in s, report) pairs in order. Raises OSError."""
     for stamp_us, message in read_messages(tlog, {MESSAGE}):
         if is_report(message):
             try:
                 yield stamp_us / 1e6, from_message(message)
             except ValueError:
-                continue  # a log from elsewhere: the carrier records no such report
+                continue  # a log of other software: the carrier does not record such reports

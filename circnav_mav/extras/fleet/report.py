@@ -1,4 +1,4 @@
-"""The report that every member of a fleet sends, and the interface of what carries it."""
+"""Report that every fleet member sends, and the interface of its transport."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -6,7 +6,7 @@ from typing import Protocol
 
 
 class State(IntEnum):
-    """Progress of a member: its phase is unknown; known; it flies on the circle; it is about to leave."""
+    """State of a member: phase unknown, phase known, on the circle, about to leave."""
 
     SEARCH = 0
     PHASE_KNOWN = 1
@@ -16,7 +16,7 @@ class State(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class MemberReport:
-    """State of one member at one moment.
+    """State of one member at one time.
 
     group: 0 to 255. member: id within the group, 1 to 255. stamp: Unix time of the sender's companion computer, s; in
     lockstep the simulated time. phase: temporal phase in the sense of rotation, rad, 0 to 2 pi. phase_sigma: its
@@ -48,4 +48,4 @@ class Carrier(Protocol):
         """Return the reports accepted since the last call. now: Unix time, or in lockstep the simulated time, s."""
 
     def close(self) -> None:
-        """Release what was opened."""
+        """Close the transport."""

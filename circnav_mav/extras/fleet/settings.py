@@ -1,4 +1,4 @@
-"""The mission table [fleet]. A mission of one vehicle imports nothing else of this package."""
+"""Mission table [fleet]. A mission with one vehicle imports no other module of this package."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, cast
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from circnav_mav.extras.fleet.onlooker import FleetOnlooker
 
 LEAST_LAYER = 15.0
-"""Least distance of two height layers, m: twice the height error of a barometer in a turn, and the vehicles between."""
+"""Smallest distance of two height layers, m: twice the barometer error in a turn, plus the size of the vehicles."""
 PORT = 14560
 """UDP port of the reports."""
 
@@ -33,12 +33,12 @@ class FleetTable(Table):
 
 
 def table_of(mission: Mission) -> FleetTable:
-    """Return the table of a mission."""
+    """Return the table [fleet] of a mission."""
     return cast(FleetTable, mission.file.fleet)  # type: ignore[attr-defined]
 
 
 def check_fleet(mission: Mission) -> Iterator[Check]:
-    """Name the limits of the fleet, where the mission has one."""
+    """Yield the limits of the fleet, if the mission has one."""
     table = table_of(mission)
     if table.id is not None:
         from circnav_mav.extras.fleet.limits import fleet_limits
@@ -49,7 +49,7 @@ def check_fleet(mission: Mission) -> Iterator[Check]:
 
 
 def preflight_fleet(mission: Mission) -> Iterator[Check]:
-    """Listen to the other members, where the mission has a fleet."""
+    """Listen for the other members, if the mission has a fleet."""
     table = table_of(mission)
     if table.id is not None and not mission.flies_sim:
         from circnav_mav.extras.fleet.listening import listen_to_fleet
@@ -58,7 +58,7 @@ def preflight_fleet(mission: Mission) -> Iterator[Check]:
 
 
 def open_onlooker(given: OnlookerSettings) -> "FleetOnlooker | None":
-    """Return the member beside the pilot, None for a vehicle that flies alone. Raises Refused."""
+    """Return the onlooker of a fleet member, None for a single vehicle. Raises Refused."""
     if table_of(given.mission).id is None:
         return None
     from circnav_mav.extras.fleet.onlooker import join_fleet

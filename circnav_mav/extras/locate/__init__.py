@@ -1,6 +1,6 @@
-"""Localization of the target, live and from logs, and a position for an autopilot that has lost its own.
+"""Localization of the target, live and from logs, and hand-back of a position to an autopilot that has lost its own.
 
-Nothing in here steers: the core cannot import it.
+The package does not steer: the core cannot import it.
 """
 
 from circnav_mav.extension import Extension

@@ -1,4 +1,4 @@
-"""Cuts lines and areas at 180 degrees of longitude, as RFC 7946 (GeoJSON), section 3.1.9, asks for."""
+"""Cuts lines and areas at 180 degrees of longitude, as RFC 7946 (GeoJSON), section 3.1.9, requires."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -6,11 +6,11 @@ from itertools import pairwise
 Point = list[float]
 """Longitude and latitude, degrees."""
 TURN, EDGE = 360.0, 180.0
-"""Degrees of longitude in a circle, and those of the antimeridian."""
+"""Full circle and longitude of the antimeridian, degrees."""
 
 
 def cut_line(points: Sequence[Point]) -> list[list[Point]]:
-    """Return the parts of a line on either side."""
+    """Return the parts of a line on either side of the antimeridian."""
     parts: list[list[Point]] = [[points[0]]]
     for before, after in pairwise(points):
         step = after[0] - before[0]
@@ -24,7 +24,7 @@ def cut_line(points: Sequence[Point]) -> list[list[Point]]:
 
 
 def cut_ring(ring: Sequence[Point]) -> list[list[Point]]:
-    """Return the parts of a small convex area, closed rings like the given one."""
+    """Return the parts of a small convex area as closed rings."""
     unrolled = [[_near(longitude, ring[0][0]), latitude] for longitude, latitude in ring]
     for edge in (EDGE, -EDGE):
         if min(point[0] for point in unrolled) < edge < max(point[0] for point in unrolled):
@@ -46,16 +46,16 @@ def _clip(corners: Sequence[Point], edge: float, side: int) -> list[Point]:
 
 
 def _at(before: Point, after: Point, longitude: float) -> float:
-    """Return the latitude at which a line has a longitude."""
+    """Return the latitude of a line at a longitude."""
     share = (longitude - before[0]) / (after[0] - before[0]) if after[0] != before[0] else 0.0
     return round(before[1] + share * (after[1] - before[1]), 8)
 
 
 def _near(longitude: float, other: float) -> float:
-    """Return a longitude in the turn that is nearest to another one."""
+    """Return a longitude plus the multiple of 360 degrees that brings it nearest to another one."""
     return longitude + TURN * round((other - longitude) / TURN)
 
 
 def _wrapped(longitude: float, middle: float) -> float:
-    """Return a longitude on the side of the meridian on which `middle` is, as -180 to 180."""
+    """Return a longitude within -180 to 180 degrees, on the same side of the antimeridian as `middle`."""
     return round(longitude - TURN * ((middle > EDGE) - (middle < -EDGE)), 8)

@@ -1,4 +1,4 @@
-"""`circnav ranging calibrate`: the error of a radio over its range, by a log with positions, and the mission's keys."""
+"""`circnav ranging calibrate`: range error of a radio from a log with positions, and mission keys to correct it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,27 +27,27 @@ from circnav_mav.mission.mission import Mission
 from circnav_mav.runlog.atomic_write import write_text
 
 BIAS, CLOCKS = 10.0, 0.1
-"""Standard deviations of an uncalibrated radio's bias, m, and of its delay, s: one recorder stamps both."""
+"""Standard deviations of an uncalibrated radio's bias, m, and delay, s: one recorder stamps ranges and positions."""
 LEAST = 10
-"""Ranges in a bin below which it is left out."""
+"""Smallest number of ranges in a bin."""
 BINS = 8
-"""Most bins of the error over range."""
+"""Number of bins of the error over range."""
 CURVED = 2.0
-"""Errors of a position by which a bin must lie off the straight line before a table replaces the line."""
+"""Distance of a bin from the straight line, in GPS sigmas, from which a table replaces the line."""
 SHARP = 0.01
 """Standard deviation below which a scale counts as observed: 1 m at 100 m."""
 ROUNDS = 4
-"""Times that the place is found again with the table: each changes it less."""
+"""Number of refinements of the table and the place: each one changes them less."""
 MISSION_HEIGHT = 0.1
-"""Standard deviation of the mission's height, m. The flight takes the same height off its ranges: an error of it goes
-into the calibration, and the circle has the true radius all the same."""
+"""Standard deviation of the mission's height, m. The flight corrects its ranges with the same height. An error of it
+enters the calibration, and the circle still has the true radius."""
 LATE = 0.05
-"""Delay, s, below which it is left out: at 15 m/s it moves a range by less than the positions err."""
+"""Smallest delay that is corrected, s. At 15 m/s a smaller one changes a range by less than the GPS error."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bin:
-    """Ranges of about one length. true, error, spread: m."""
+    """Ranges of similar length. true, error, spread: m."""
 
     true: float
     error: float
@@ -57,8 +57,8 @@ class Bin:
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """Error of a radio. place: of the beacon. true, error: length of each range and by how much it was reported too
-    long, m. scale_sigma: standard deviation of the scale where it is free, apart from the bias."""
+    """Error of a radio. place: of the beacon. true: length of each range, m. error: reported minus true length, m.
+    scale_sigma: standard deviation of the scale when estimated together with the bias."""
 
     place: Place
     calibration: Calibration
@@ -105,16 +105,17 @@ def calibrate_radio(
 
 
 def measure(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> Measured | NotYet:
-    """Return the error of a radio by positions and the ranges that it reported."""
+    """Return the error of a radio from positions and reported ranges."""
     place = free = locate_as_it_shows(plane, track, ranges, known)
     if isinstance(free, NotYet):
         return free
-    if not free.scale_found:  # on one radius any scale fits, with a bias to it
+    if not free.scale_found:  # on one radius every scale fits with a suitable bias
         place = locate_as_it_shows(plane, track, ranges, replace(known, scale_sigma=CALIBRATED))
         if isinstance(place, NotYet):
             return place
     assert isinstance(place, Place)
-    # A range is never measured after its stamp. An offset the other way is of late positions, or the bend of a radio.
+    # A range is never measured after its timestamp. An offset with the other sign has another cause: late positions, or
+    # a radio that is not linear.
     delay = round(-place.delay, 3) if -place.delay > max(3 * place.delay_sigma, LATE) else 0.0
     scale, bias = (
         (1.0, place.range_error(place.range_scale)[0]) if not place.scale_found else (1 + place.scale, place.bias)
@@ -125,9 +126,9 @@ def measure(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> Mea
     off = [abs(one.error - (linear.reported(one.true) - one.true)) - 3 * one.spread / one.count**0.5 for one in bins]
     if max(off, default=0.0) <= CURVED * known.gps_sigma:
         return straight
-    # The radio is not linear. The place by the line is a little off, and so is the table by that place: with each
-    # round both improve, as the circle gives the place whatever a radio adds on it. The delay stays: on a straight
-    # approach it and a bias of the far ranges are one, and together they would run away.
+    # The radio is not linear. The place by the straight line is slightly off, and so is the table made with it. Each
+    # round improves both, because a circle gives the place for any constant error. The delay is kept: on a straight
+    # approach it is indistinguishable from a bias of the far ranges, and estimating both diverges.
     track = replace(track, time=track.time - place.delay)
     settled = replace(known, bias_sigma=1.0, scale_sigma=CALIBRATED, delay_sigma=0.001)
     curved = straight
@@ -145,12 +146,12 @@ def measure(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> Mea
 
 
 def keys_of(calibration: Calibration) -> list[str]:
-    """Return the lines of [ranging] that carry a calibration."""
+    """Return the lines of [ranging] for a calibration."""
     return [f"{key} = {value}" for key, value in _keys(calibration).items()]
 
 
 def write_into(file: Path, calibration: Calibration) -> None:
-    """Write a calibration into a mission file, whose comments and other keys stay. Raises Refused, OSError."""
+    """Write a calibration into a mission file. Comments and other keys are kept. Raises Refused, OSError."""
     with refusing(file, MissionError):
         load_mission(file)
     document = tomlkit.parse(file.read_text(encoding="utf-8"))
@@ -182,7 +183,7 @@ def _radio(logs: Sequence[RangeLog], tag: str | None, source: Path) -> tuple[Ran
 
 
 def _target_height(track: Track, altitude: float | None, mission: Mission | None) -> tuple[float, float]:
-    """Return the altitude of the beacon and its standard deviation, m: given, by the mission, or the lowest ground."""
+    """Return the beacon's altitude and its standard deviation, m: given, from the mission, or the lowest point."""
     if altitude is None and mission is not None:
         above, altitude = mission.height.above_target, mission.height.target_altitude
         altitude = float(np.median(track.up)) - above if altitude is None and above is not None else altitude
@@ -190,7 +191,7 @@ def _target_height(track: Track, altitude: float | None, mission: Mission | None
 
 
 def _errors(place: Place, track: Track, ranges: Ranges) -> tuple[Array, Array]:
-    """Return the true length of each range by the positions, and by how much it was reported too long, m."""
+    """Return the true length of each range by positions, and the reported minus the true length, m."""
     inside = (ranges.time >= track.time[0]) & (ranges.time <= track.time[-1])
     time = ranges.time[inside] + place.delay
     way = [np.interp(time, track.time, part) for part in (track.east, track.north, track.up)]
@@ -199,7 +200,7 @@ def _errors(place: Place, track: Track, ranges: Ranges) -> tuple[Array, Array]:
 
 
 def _bins(true: Array, error: Array) -> list[Bin]:
-    """Return the error over range in bins of even width: the median of each, as outliers are in it."""
+    """Return the error over range in bins of equal width. Medians, because outliers are included."""
     width = max(float(np.ptp(true)), 1e-3) / BINS
     at = np.minimum(((true - true.min()) / width).astype(int), BINS - 1)
     found = []

@@ -1,4 +1,4 @@
-"""`circnav locate`: where the targets of a log are."""
+"""`circnav locate`: places of the targets in a log."""
 
 import re
 from collections.abc import Sequence
@@ -29,11 +29,11 @@ from circnav_mav.runlog.atomic_write import write_text
 from circnav_mav.runlog.run_folder import RunError
 
 MIXED, POOR = 0.25, 0.05
-"""Share of outliers that are more than outliers; noise over range that no radio has."""
+"""Share of outliers, and noise over range, above which the ranges probably mix two tags."""
 CLOCKS = 0.5
-"""Standard deviation, s, of the offset between the clocks of positions and ranges: nobody has set them together."""
+"""Standard deviation, s, of the offset between the clocks of positions and ranges: they are not synchronized."""
 OFFSET = re.compile(r"([-+])(\d{1,2}):?(\d{2})?")
-"""A time zone as hours and minutes ahead of UTC."""
+"""Time zone as an offset from UTC, hours and minutes."""
 
 
 def locate_log(
@@ -41,7 +41,7 @@ def locate_log(
     altitude: float | None, vehicle: int | None, positions: str | None, range_name: str | None,
     range_columns: tuple[str, ...], units: str | None, timezone: str | None, params: str | None,
 ) -> int:  # fmt: skip
-    """Locate every tag of a log, and write the map: the command line of `locate`. Raises Refused."""
+    """Locate every tag of a log and write the map. Parameters: options of `circnav locate`. Raises Refused."""
     source = Path(path)
     with refusing(source):
         flown = mission_of(source)
@@ -114,7 +114,7 @@ def _zone(given: str | None) -> timezone | ZoneInfo | None:
 
 
 def mission_of(source: Path) -> Mission | None:
-    """Return the mission of a run folder, with facts about its ranges and target. Raises Refused."""
+    """Return the mission of a run folder, None if it has none. Raises Refused."""
     file = source / "mission.toml"
     if not file.exists():
         return None
@@ -137,7 +137,7 @@ def _busy(what: str) -> Progress:
 def _one(
     log: RangeLog, tag: str, sigma: float | None, known: Knowledge, calibration: Calibration, *, search_unit: bool
 ) -> Place | None:
-    """Locate a tag, and print what is known of it."""
+    """Locate a tag and print the result. Return None if it was not located."""
     plane = log.plane()
     ranges, said = log.of(tag, sigma)
     ranges = corrected(ranges, calibration)
@@ -184,7 +184,7 @@ def _say(place: Place, known: Knowledge) -> None:
 
 
 def _write(out: str | None, source: Path, places: dict[str, Place], logs: Sequence[RangeLog]) -> None:
-    """GeoJSON, KML and the picture."""
+    """Write GeoJSON, KML and the picture."""
     folder = Path(out) if out else source if source.is_dir() else source.parent
     name = "locate" if source.is_dir() else f"{source.stem}.locate"
     folder.mkdir(parents=True, exist_ok=True)

@@ -1,11 +1,11 @@
-"""The command `circnav locate`, described; `command` carries it out."""
+"""Options and help of `circnav locate`. `command` implements it."""
 
 import click
 
 from circnav_mav.cli.describe import Finite, Folder, command
 
 ERROR = Finite(0.001, 1000)
-"""A standard deviation, m."""
+"""Standard deviation, m."""
 
 
 @command("circnav_mav.extras.locate.command:locate_log", short_help="Tell where the targets of a log are.")

@@ -1,4 +1,4 @@
-"""The conditions that the survey adds to those of `circnav_mav.pilot.conditions`."""
+"""Alarm conditions of the survey, in addition to `circnav_mav.pilot.conditions`."""
 
 from circnav_mav.pilot.conditions import Condition
 

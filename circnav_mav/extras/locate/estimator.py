@@ -1,8 +1,8 @@
-"""The place of a target by batch least squares over positions and ranges: one estimator in flight and for logs.
+"""Target place by batch least squares over vehicle positions and ranges. The same estimator serves flights and logs.
 
-Unknown are the place, its velocity if it moves, its height, the error of the radio (bias and scale), how much later
-positions are stamped than ranges, and the error of the positions: a first-order Gauss-Markov process, linear between
-nodes. That error is what makes the covariance honest: a GPS is not white, and a lap averages little of it.
+States: the place, its height, its velocity if it moves, the radio's bias and scale, the delay of positions relative to
+ranges, and the GPS error. The GPS error is a first-order Gauss-Markov process, linear between nodes. It is needed for a
+realistic covariance: GPS errors are correlated, and a lap averages little of them.
 """
 
 from collections.abc import Iterator
@@ -16,49 +16,49 @@ from scipy.optimize import least_squares
 from circnav_mav.extras.locate.place import SIGNIFICANT, Array, Place, Plane
 
 LEAST = 20
-"""Ranges below which nothing is estimated."""
+"""Smallest number of ranges for an estimate."""
 MOST = 1000
-"""Most ranges that are used: of more, evenly spread ones."""
+"""Largest number of ranges used. More are thinned evenly."""
 GAP = 3.0
-"""Longest time, s, between two positions that a range may lie in."""
+"""Longest time, s, between the two positions around a range."""
 GUESSED = 150
-"""Ranges by which the starting points are tried out."""
+"""Number of ranges used to compare the starting points."""
 GPS_TIME, SPEED_SIGMA = 100.0, 10.0
-"""How long, s, the error of a position stays; standard deviation of a target's velocity, each axis, m/s."""
+"""Correlation time of the GPS error, s. Standard deviation of the target's velocity, per axis, m/s."""
 NODES, MOST_NODES = 8, 40
-"""Nodes in the correlation time of the positions' error, and most of them. With fewer, what it does between two looks
-like a height: a lap at 2 a correlation time claimed heights that were 20 m off."""
+"""Nodes of the GPS error per correlation time, and their largest number. With too few nodes, the error between them is
+fitted as a height: with 2 per correlation time, heights were 20 m off after one lap."""
 HUBER, OUTLIER = 2.0, 4.0
-"""Standard deviations: where the loss becomes linear, and from where a range is left out in the end."""
+"""Residuals, in standard deviations, from which the loss is linear and from which a range is excluded at the end."""
 SAME, AMBIGUOUS = 3.0, 12.0
-"""Places nearer than so many standard deviations are one; another one that fits worse by less than this in
-chi-squared (p = .002) may be the right one."""
+"""Distance, in standard deviations, within which two places are the same. Difference in chi-squared (p = 0.002) below
+which a second place may be the right one."""
 MOVING = 18.0
-"""Chi-squared of the velocity (two degrees of freedom, p = 1e-4) from which a target is said to move."""
+"""Chi-squared of the velocity (two degrees of freedom, p = 1e-4) from which a target counts as moving."""
 SLOWEST = 0.15
-"""Speed, m/s, below which a target stands: the error of a GPS wanders as quickly."""
+"""Speed, m/s, below which a target counts as stationary: the GPS error drifts as fast."""
 MOVING_WINDOW = 120.0
-"""Newest time, s, by which a moving target is judged: it does not keep its velocity for longer."""
+"""Window of ranges, s, for a moving target: its velocity is not constant for longer."""
 CALIBRATED, UNCALIBRATED = 0.0003, 0.1
-"""Standard deviation of a radio's scale error: of a radio that measures true meters, and of one that does not. A quartz
-errs by 20 ppm, and air slows radio waves by 300 ppm, which many radios do not take into account."""
+"""Standard deviation of a radio's scale error, calibrated and uncalibrated. A quartz clock errs by 20 ppm. Air slows
+radio waves by 300 ppm, which many radios do not correct."""
 EXPLAINED = 1.3
-"""Residuals over what the ranges say of themselves, up to which rest explains them."""
+"""Ratio of the noise found to the reported sigma up to which a stationary target explains the ranges."""
 UP_KNOWN = 2.0
 """Standard deviation of the height, m, above which it counts as not observed."""
 HARDLY = 5.0
-"""Noise of ranges and positions together, below whose fivefold the change of the distance tells no offset of clocks:
-the wiggles of a GPS, which the ranges do not have, would."""
+"""Smallest change of the distance from which the clock offset is observable, in units of range noise plus GPS sigma.
+Below it, variations of the GPS error would be fitted as an offset."""
 ROUGH = 0.25
-"""Standard deviation of a place, in units of the range, above which it is none."""
+"""Largest standard deviation of a valid place, as a share of the median range."""
 E, N, U, BIAS, SCALE, DELAY, VE, VN = range(8)
 Fit = Any
-"""A result of scipy's `least_squares`."""
+"""Result of scipy's `least_squares`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Positions as reported: time, s, rising; east, north, up, m, arrays (n,)."""
+    """Reported vehicle positions, arrays (n,). time: s, increasing. east, north, up: m."""
 
     time: Array
     east: Array
@@ -68,21 +68,21 @@ class Track:
 
 @dataclass(frozen=True, slots=True)
 class Ranges:
-    """Slant ranges: time, s; r, m; sigma, m, arrays (n,)."""
+    """Slant ranges, arrays (n,). time: s. r, sigma: m."""
 
     time: Array
     r: Array
     sigma: Array
 
     def take(self, which: NDArray[Any]) -> "Ranges":
-        """Some of them, by a mask or by index."""
+        """Return the ranges selected by a mask or by indices."""
         return Ranges(self.time[which], self.r[which], self.sigma[which])
 
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """Prior knowledge; standard deviations in m and s. gps_sigma: of a position, each axis. up: of the target.
-    scale_sigma: of the radio's scale error. sigma_known: True if the ranges' own standard deviations are meant."""
+    """Prior knowledge; standard deviations in m and s. gps_sigma: of a position, per axis. up: height of the target, m.
+    scale_sigma: of the radio's scale error. sigma_known: True if the sigmas of the ranges are measured or reported."""
 
     up: float
     up_sigma: float = 50.0
@@ -95,13 +95,13 @@ class Knowledge:
 
 @dataclass(frozen=True, slots=True)
 class NotYet:
-    """Why there is no place, for people."""
+    """No place could be estimated. why: human-readable reason."""
 
     why: str
 
 
 def locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None = None) -> Place | NotYet:
-    """Return the place at the end of the ranges. near: one found before, from which to start."""
+    """Return the place at the time of the last range. near: an earlier result, used as a starting point."""
     place = _locate(plane, track, ranges, known, near)
     if known.scale_sigma >= UNCALIBRATED:
         return place
@@ -109,15 +109,15 @@ def locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: P
         quiet = place.noise < EXPLAINED * float(np.median(ranges.sigma))
         if quiet and abs(place.bias) < SIGNIFICANT * place.bias_sigma:
             return place
-    # Most radios measure true meters, and a scale that the ranges do not show costs certainty of the place. So it is
-    # free only if the ranges contradict a scale of 1. The noise shows nothing: an error of scale looks like noise.
+    # Most radios measure true meters, and a free scale that is hardly observable makes the place less certain. So the
+    # scale is free only if the ranges contradict 1. The noise does not decide: a scale error looks like noise.
     free = _locate(plane, track, ranges, replace(known, scale_sigma=UNCALIBRATED), near)
     return free if isinstance(free, Place) and free.scale_found else place
 
 
 def _locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None) -> Place | NotYet:
-    """Return the place with this prior knowledge."""
-    kept = np.diff(np.maximum.accumulate(track.time), prepend=-np.inf) > 1e-3  # no position twice, none that is late
+    """Return the place for fixed prior knowledge."""
+    kept = np.diff(np.maximum.accumulate(track.time), prepend=-np.inf) > 1e-3  # drop repeated and late positions
     track, heard = Track(track.time[kept], track.east[kept], track.north[kept], track.up[kept]), ranges
     ranges = _covered(track, heard)
     if len(ranges.r) < LEAST:
@@ -129,11 +129,12 @@ def _locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: 
     if isinstance(still, Place) and known.sigma_known:
         quiet = still.noise < EXPLAINED * float(np.median(ranges.sigma))
         if quiet and still.outliers < 0.2 * still.used:
-            return still  # rest explains the ranges: nobody need ask whether the target moves
+            return still  # a stationary target explains the ranges
     moving = _Problem(track, newest, known, moves=True)
     fits = [moving.fit(start) for start in _moving_starts(track, newest, still, near)]
     fit = min(filter(None, fits), key=lambda one: one.cost, default=None)
-    # motion contains rest: it must fit better by far, and the velocity be more than the wander of the positions
+    # A moving model always fits at least as well as a stationary one. Accept it only if it fits much better and the
+    # velocity exceeds the drift of the GPS error.
     at_rest = isinstance(still, Place) and _Problem(track, newest, known).fit(np.array([still.east, still.north]))
     if fit is None or (at_rest and 2 * (at_rest.cost - fit.cost) < MOVING):
         return still
@@ -144,7 +145,7 @@ def _locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: 
 
 
 def locate_as_it_shows(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> Place | NotYet:
-    """Return the place. Ranges without a known noise get that of a first fit, with ten times their sigmas."""
+    """Return the place. If the range noise is unknown, take it from a first fit with sigmas ten times larger."""
     if not known.sigma_known:
         rough = locate(plane, track, replace(ranges, sigma=ranges.sigma * 10), known)
         if isinstance(rough, Place):
@@ -153,7 +154,7 @@ def locate_as_it_shows(plane: Plane, track: Track, ranges: Ranges, known: Knowle
 
 
 def _apart(track: Track, ranges: Ranges) -> str:
-    """Where enough ranges came, and positions too, why they do not go together: clocks, or the unit of time."""
+    """Return a hint if ranges and positions do not overlap in time: different clocks or time units. Empty otherwise."""
     if len(ranges.r) < LEAST or len(track.time) < 2:
         return ""
     of_ranges, of_positions = (f"{time[0]:.6g} .. {time[-1]:.6g} s" for time in (ranges.time, track.time))
@@ -162,7 +163,10 @@ def _apart(track: Track, ranges: Ranges) -> str:
 
 
 def _moving_starts(track: Track, ranges: Ranges, still: Place | NotYet, near: Place | None) -> Iterator[Array]:
-    """Where to begin: the place before; rest; and that the target is what the vehicle went round, in the mean."""
+    """Yield starting points: the previous place, the stationary result, and a line fitted to the vehicle's track.
+
+    The last one assumes that the vehicle circles the target: its mean motion is then the target's.
+    """
     if near is not None:
         there = near.at(float(ranges.time[-1]))
         yield np.array([there.east, there.north, *near.velocity])
@@ -174,13 +178,13 @@ def _moving_starts(track: Track, ranges: Ranges, still: Place | NotYet, near: Pl
 
 
 def _good(place: Place) -> bool:
-    """Known well enough to tell, and no stranger than the ranges' bias may be."""
+    """True if the place is accurate enough and its bias is plausible."""
     usual = abs(place.bias) < 5 * place.bias_prior
     return bool(usual and place.sigma < max(ROUGH * place.range_scale, 3.0))
 
 
 def _best(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None) -> Place | NotYet:
-    """The place of a target that stands. Ranges alone may fit two places: then there is none yet."""
+    """Return the place of a stationary target, or `NotYet` if two places fit."""
     problem = _Problem(track, ranges, known)
     if near is not None and not near.moves:
         place = problem.finish(problem.fit(np.array([near.east, near.north])), plane)
@@ -204,7 +208,7 @@ def _best(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Pl
 
 
 def _starts(track: Track, ranges: Ranges) -> Iterator[Array]:
-    """Where to begin: on circles about the ends and the middle of the track, as far away as was measured there."""
+    """Yield starting points on circles around the start, middle and end of the track, with the ranges as radii."""
     for share in (0.0, 0.5, 1.0):
         at = int(share * (len(ranges.r) - 1))
         east, north = (np.interp(ranges.time[at], track.time, way) for way in (track.east, track.north))
@@ -213,7 +217,7 @@ def _starts(track: Track, ranges: Ranges) -> Iterator[Array]:
 
 
 def _covered(track: Track, ranges: Ranges) -> Ranges:
-    """The ranges that positions surround, at most MOST of them."""
+    """Return the ranges with a position before and after them, thinned to at most MOST."""
     if len(track.time) < 2:
         return ranges.take(np.array([], int))
     after = np.clip(np.searchsorted(track.time, ranges.time), 1, len(track.time) - 1)
@@ -223,7 +227,7 @@ def _covered(track: Track, ranges: Ranges) -> Ranges:
 
 
 class _Problem:
-    """Residuals of ranges and of what is known beforehand, both in standard deviations."""
+    """Residuals of the ranges and of the priors, in standard deviations."""
 
     def __init__(
         self, track: Track, ranges: Ranges, known: Knowledge, *, moves: bool = False, nodes: int = MOST_NODES
@@ -233,7 +237,7 @@ class _Problem:
         self._own = VN + 1 if moves else DELAY + 1
         sigmas = known.up_sigma, known.bias_sigma, known.scale_sigma, known.delay_sigma, SPEED_SIGMA, SPEED_SIGMA
         self._expected_sigma = np.array(sigmas[: self._own - U])
-        self._expected = np.zeros(self._own - U)  # of all that is not the place
+        self._expected = np.zeros(self._own - U)  # of all states except east and north
         self._expected[0] = known.up
         span = self.end - float(ranges.time[0])
         count = int(min(nodes, 1 + np.ceil(NODES * span / GPS_TIME)))
@@ -241,13 +245,14 @@ class _Problem:
         self._between = np.column_stack([np.interp(ranges.time, places, row) for row in np.eye(count)])
         kernel = known.gps_sigma**2 * np.exp(-np.abs(places[:, None] - places) / GPS_TIME)
         self._whiten = np.linalg.inv(np.linalg.cholesky(kernel))
-        # slopes of the track, by which a delay moves the position
+        # velocity of the vehicle: a delay moves the position along it
         self._rates = [np.gradient(way, track.time) for way in (track.east, track.north, track.up)]
 
     def fit(self, start: Array) -> Fit | None:
-        """Return the robust fit from a start: east, north, maybe velocity; or all but the nodes, by an earlier fit."""
+        """Return the robust fit, or None. start: east, north[, velocity], or all states except the nodes."""
         x = np.zeros(self._own + 2 * self._between.shape[1])
-        # begun level with the vehicle, a height would stay there: the range does not change with it
+        # Start below the track. Level with the vehicle, the range does not depend on the height, and the fit would
+        # stay there.
         below = float(np.median(self.track.up)) - 0.2 * float(np.median(self.ranges.r))
         x[:2], x[U] = start[:2], min(self.known.up, below) if self.known.up_sigma > 10 else self.known.up
         if len(start) == self._own:
@@ -263,15 +268,14 @@ class _Problem:
         return found if np.isfinite(found.cost) else None
 
     def _loss(self, z: Array) -> Array:
-        """Huber for ranges; quadratic for what is known beforehand, which is no outlier. z: squares, as scipy wants."""
+        """Return the loss and its derivatives: Huber for ranges, quadratic for priors. z: squared residuals (scipy)."""
         far = z > 1
         far[len(self.ranges.r) :] = False
         root = np.sqrt(np.where(far, z, 1.0))
         return np.array([np.where(far, 2 * root - 1, z), 1 / root, np.where(far, -0.5 / root**3, 0.0)])
 
     def finish(self, fit: Fit | None, plane: Plane) -> Place | None:
-        """The place by a robust fit: again without its outliers, and with the noise that the ranges show. None where
-        nothing fits."""
+        """Return the place: repeat the fit without outliers and with the measured noise. None if nothing fits."""
         if fit is None:
             return None
         count = len(self.ranges.r)
@@ -282,6 +286,7 @@ class _Problem:
         if keep.sum() < LEAST:
             return None
         spread, kept = float(np.sqrt(np.mean(off[keep] ** 2))), self.ranges.take(keep)
+        # A radio with correlated errors gives less information than its number of ranges suggests: enlarge the sigmas.
         worse = max(spread, least) * np.sqrt(_correlation(off[keep]))
         again = _Problem(self.track, replace(kept, sigma=kept.sigma * worse), self.known, moves=self.moves)
         last = again.fit(fit.x[: self._own])
@@ -299,7 +304,7 @@ class _Problem:
         radio, radio_covariance = x[both], covariance[np.ix_(both, both)]
         nearest, farthest = np.percentile(kept.r, [5, 95])
         if farthest - nearest < HARDLY * (noise + self.known.gps_sigma):
-            sd[DELAY] = self.known.delay_sigma  # on a circle round the target a clock fits as well as any other
+            sd[DELAY] = self.known.delay_sigma  # on a circle around the target every clock offset fits
             radio, radio_covariance = self._of_one_length(radio, radio_covariance)
         return Place(
             time=self.end, plane=plane, east=float(x[E]), north=float(x[N]), up=float(x[U]),
@@ -314,9 +319,9 @@ class _Problem:
         )  # fmt: skip
 
     def _of_one_length(self, radio: Array, covariance: Array) -> tuple[Array, Array]:
-        """Return bias and scale, with their covariance, from their sum at the median length and the prior alone."""
-        # On a circle round the target the lengths change by the wander of the GPS, which the ranges do not have. The
-        # fit takes it for a slope: a scale of 1.07 with a free bias once came out as 0.80 +-0.06.
+        """Return bias and scale with their covariance, from the prior and the range error at the median length."""
+        # On a circle around the target, the computed lengths change only by the GPS error, which the ranges do not
+        # contain. The fit mistakes it for a slope: a scale of 1.07 with a free bias once came out as 0.80 +-0.06.
         slope = np.array([1.0, (float(np.median(self.ranges.r)) - radio[0]) / (1 + radio[1])])
         prior = np.diag([self.known.bias_sigma**2, self.known.scale_sigma**2])
         gain = prior @ slope / (slope @ prior @ slope + slope @ covariance @ slope)
@@ -325,15 +330,17 @@ class _Problem:
     def covariance(self, fit: Fit) -> Array:
         """Return the covariance of the states. Raises LinAlgError."""
         covariance: Array = np.linalg.inv(fit.jac.T @ fit.jac).astype(float)
-        # Level with the vehicle, a range does not change with the height at first, and the derivatives promise a bias
-        # and a scale that a height would explain. It changes with the square of the height above the track. The
-        # standard deviation of that square gives the height from which on the slope is taken instead.
+        # Level with the vehicle, the derivative of a range with respect to the height is zero. The covariance then
+        # ignores that a height explains the same ranges as a bias and a scale. The range depends on the square of the
+        # height difference. The standard deviation of that square gives a smallest difference. Below it, the slope at
+        # that difference replaces the derivative.
         count, (far, _, _) = len(self.ranges.r), self._line_of_sight(fit.x)
         off = float(np.median(np.abs(np.interp(self.ranges.time, self.track.time, self.track.up) - fit.x[U])))
         if off > self.known.up_sigma:
             return covariance
         table = fit.jac.copy()
-        slope = table[:count, BIAS] * (1 + fit.x[SCALE]) / np.maximum(far, 1e-3)  # outliers weigh as in that column
+        # The bias column carries the weights of outliers.
+        slope = table[:count, BIAS] * (1 + fit.x[SCALE]) / np.maximum(far, 1e-3)
         table[:count, U] = self.known.up_sigma * slope
         wide: Array = np.linalg.inv(table.T @ table).astype(float)
         least = float(np.sqrt(self.known.up_sigma * np.sqrt(wide[U, U])))
@@ -343,9 +350,9 @@ class _Problem:
         return np.linalg.inv(table.T @ table).astype(float)
 
     def one_sided(self, fit: Fit, sigma: float) -> bool:
-        """True if the ranges or the prior reject the height that is mirrored at the track. sigma: of the height, m."""
-        # A level track fits a target as far above it as below, and near the level of the track the covariance, which is
-        # that of a straight line, promises too much. A UWB radio on a cart once gave -1.5 +-0.7 m for +0.9 m so.
+        """True if the ranges or the prior reject the height mirrored at the track. sigma: of the height, m."""
+        # A level track fits a target as far above it as below it. Near the level of the track the linear covariance is
+        # too small: a UWB radio on a cart once gave -1.5 +-0.7 m for +0.9 m.
         known, start = self.known, fit.x[: self._own].copy()
         mirror = 2 * float(np.median(self.track.up)) - float(fit.x[U])
         if abs(mirror - fit.x[U]) < sigma:
@@ -359,7 +366,7 @@ class _Problem:
         return bool(2 * (other.cost - fit.cost) + off**2 > AMBIGUOUS)
 
     def _line_of_sight(self, x: Array) -> tuple[Array, list[Array], Array]:
-        """Distance, its direction, and the time to take positions at."""
+        """Return the distances (m), their direction (east, north, up) and the times of the positions (s)."""
         time = self.ranges.time + x[DELAY]
         ways = (self.track.east, self.track.north, self.track.up)
         east, north, up = (np.interp(time, self.track.time, way) for way in ways)
@@ -401,8 +408,10 @@ class _Problem:
 
 
 def _correlation(residuals: Array) -> float:
-    """How many residuals in a row tell as much as one that stands alone: 1 + 2 sum of the autocorrelation, up to where
-    it is noise. A radio whose error wanders is not as good as its count of ranges says."""
+    """Return the number of consecutive residuals that carry as much information as one independent residual.
+
+    This is 1 + 2 * sum of the autocorrelation, up to the lag where it is noise.
+    """
     count, variance = len(residuals), float(np.mean(residuals**2))
     if variance == 0.0:
         return 1.0

@@ -1,5 +1,7 @@
-"""The place for others: MAVLink messages, GeoJSON (RFC 7946), KML 2.2, Cursor on Target 2.0. Heights stay out of map
-coordinates: these formats mean the ellipsoid's, a vehicle counts from the sea."""
+"""Export of the place: MAVLink messages, GeoJSON (RFC 7946), KML 2.2, Cursor on Target 2.0.
+
+Map coordinates carry no height: these formats count from the ellipsoid, a vehicle from sea level.
+"""
 
 import json
 import re
@@ -19,18 +21,18 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
 
 UNKNOWN_ACCURACY = 2**32 - 1
-"""MAVLink's number for an accuracy that is not known (UINT32_MAX)."""
+"""MAVLink's value for an unknown accuracy (UINT32_MAX)."""
 NOT_IN_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""Control characters, and what is no character."""
+"""Characters that XML does not allow: control characters and surrogates."""
 
 
 def degrees_e7(place: Place) -> tuple[int, int]:
-    """Latitude and longitude in degrees times ten million."""
+    """Return latitude and longitude in degrees times 1e7."""
     return round(place.latitude * 1e7), round(place.longitude * 1e7)
 
 
 def named_values(place: Place, now: float) -> list[Message]:
-    """For a ground station's graphs: m east and north of the vehicle's first position, standard deviation, speed."""
+    """Return values for graphs in a ground station: m east and north of the vehicle's first position, sigma, speed."""
     values = {"CN_TEAST": place.east, "CN_TNORTH": place.north, "CN_TSIG": place.sigma, "CN_TSPD": place.speed}
     if place.up_known:
         values["CN_TALT"] = place.up
@@ -43,8 +45,8 @@ def named_values(place: Place, now: float) -> list[Message]:
 
 
 def orbit_status(place: Place, orbit: Orbit, now: float) -> Message:
-    """ORBIT_EXECUTION_STATUS: QGroundControl draws the circle. Radius positive: clockwise. z: the target's altitude
-    above sea level, where it is known."""
+    """Return ORBIT_EXECUTION_STATUS, from which QGroundControl draws the circle. Positive radius: clockwise. z: target
+    altitude above sea level, m, or 0 if unknown."""
     x, y = degrees_e7(place)
     radius = orbit.radius if orbit.direction is Direction.CLOCKWISE else -orbit.radius
     z = place.up if place.up_known else 0.0
@@ -52,7 +54,7 @@ def orbit_status(place: Place, orbit: Orbit, now: float) -> Message:
 
 
 def own_beacon(place: Place, ident: int, slant: float, sigma: float, target: tuple[int, int], now: float) -> Message:
-    """RANGING_BEACON: the newest range with the id and the place of its beacon, mm; PX4 knows the message."""
+    """Return RANGING_BEACON for PX4: the newest range with the id and place of its beacon. slant, sigma: m."""
     x, y = degrees_e7(place)
     altitude, vertical = (place.up, round(place.up_sigma * 1000)) if place.up_known else (nan, UNKNOWN_ACCURACY)
     return dialect.MAVLink_ranging_beacon_message(
@@ -62,15 +64,15 @@ def own_beacon(place: Place, ident: int, slant: float, sigma: float, target: tup
 
 
 def camera(place: Place) -> Command:
-    """MAV_CMD_DO_SET_ROI_LOCATION."""
+    """Return MAV_CMD_DO_SET_ROI_LOCATION for the place."""
     return Command(dialect.MAV_CMD_DO_SET_ROI_LOCATION, (0.0,) * 6 + (place.up,), degrees_e7(place))
 
 
 def position_estimate(
     latitude: float, longitude: float, sigma: float, target: tuple[int, int], now: float, age: float
 ) -> Message:
-    """MAV_CMD_EXTERNAL_POSITION_ESTIMATE. param1: time of sending, s; param2: age of the estimate, s; param3: one
-    standard deviation, m. ArduPilot wants z to be NaN and the frame to be GLOBAL."""
+    """Return MAV_CMD_EXTERNAL_POSITION_ESTIMATE. param1: time of sending, s; param2: age of the estimate, s; param3:
+    standard deviation, m. ArduPilot requires z = NaN and the frame GLOBAL."""
     return dialect.MAVLink_command_int_message(
         *target, dialect.MAV_FRAME_GLOBAL, dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE, 0, 0,
         now % 10_000.0, age, sigma, 0.0, round(latitude * 1e7), round(longitude * 1e7), nan,
@@ -78,15 +80,15 @@ def position_estimate(
 
 
 UNKNOWN = "9999999.0"
-"""Cursor on Target's number for a height or an error that is not known."""
+"""Cursor on Target's value for an unknown height or error."""
 COT_STALE = 30.0
-"""Age, s, at which a map drops a marker that is not renewed; chosen."""
+"""Age, s, after which a map removes a marker without updates; chosen."""
 CORNERS = 72
-"""Corners of the drawn ellipse, every 5 deg: a chord is within 0.1 % of the radius."""
+"""Corners of the drawn ellipse, one every 5 deg: chords deviate by at most 0.1 % of the radius."""
 
 
 def ring(place: Place) -> list[list[float]]:
-    """The 95 % ellipse as longitude and latitude, counter-clockwise and closed."""
+    """Return the 95 % ellipse as a closed ring of longitude and latitude, counter-clockwise."""
     ellipse, azimuth = place.ellipse, radians(place.ellipse.azimuth)
     points = []
     for corner in range(CORNERS + 1):
@@ -125,7 +127,7 @@ def geojson(places: dict[str, Place], *tracks: Iterable[tuple[float, float]]) ->
 
 
 def kml(places: dict[str, Place]) -> str:
-    """Placemarks with their ellipses."""
+    """Return placemarks with their ellipses, as KML."""
     root = Xml.Element("kml", xmlns="http://www.opengis.net/kml/2.2")
     document = Xml.SubElement(root, "Document")
     for given, place in places.items():
@@ -147,7 +149,7 @@ def kml(places: dict[str, Place]) -> str:
 
 
 def cursor_on_target(place: Place, name: str, epoch_us: int, now: float) -> bytes:
-    """One event of an unknown thing on the ground. ce: one standard deviation, m, as the format means it."""
+    """Return a Cursor on Target event for an unknown object on the ground. Its ce is one standard deviation, m."""
     time = datetime.fromtimestamp(epoch_us / 1e6, UTC) + timedelta(seconds=now)
     words: dict[str, Any] = {"version": "2.0", "uid": f"circnav.{name}", "type": "a-u-G", "how": "m-f"}
     event = Xml.Element("event", words | {"time": _zulu(time), "start": _zulu(time)})

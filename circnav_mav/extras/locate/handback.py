@@ -1,7 +1,7 @@
-"""Giving a position back to an autopilot that has lost its own: MAV_CMD_EXTERNAL_POSITION_ESTIMATE every few seconds.
+"""Hand-back: send MAV_CMD_EXTERNAL_POSITION_ESTIMATE once a second to an autopilot that has lost its position.
 
-Never while the autopilot has an absolute position of any kind, or when nobody says whether it has; never again to an
-autopilot that does not know the command, answers what nobody understands, or accepts and does nothing.
+No position is sent while the autopilot has an absolute position, or while this is unknown. Sending stops for good if
+the autopilot does not support the command, gives an unexpected answer, or accepts positions without effect.
 """
 
 from cmath import phase, rect
@@ -19,68 +19,68 @@ from circnav_mav.mav.commands import RESULT_NAMES
 
 RECEIVERS = ("GPS_RAW_INT", "GPS2_RAW")
 FIX_3D, SILENT = 3, 3.0
-"""Their fix_type from which a position is one, and the silence, s, after which a word counts no more."""
+"""Smallest fix_type with a 3D position, and age, s, after which a report is ignored."""
 FUSES = {
     "EKF_STATUS_REPORT": dialect.EKF_POS_HORIZ_ABS,
     "ESTIMATOR_STATUS": dialect.ESTIMATOR_PRED_POS_HORIZ_ABS,
 }
-"""The flag of each estimator's report that an absolute position is fused. ArduPilot's falls 10 s after the last one of
-GPS, vision or beacons (NavEKF3's posTimeout), and a position that is given back does not raise it. PX4's absolute one
-stays up in dead reckoning by airspeed; its predicted one is GNSS or an auxiliary position, and falls after 7 s."""
+"""Estimator flag that an absolute position is fused, by message. ArduPilot clears it 10 s after the last GPS, vision or
+beacon measurement (NavEKF3's posTimeout), and a handed-back position does not set it. PX4 keeps its absolute flag set
+in dead reckoning by airspeed. Its predicted flag needs GNSS or an auxiliary position and is cleared after 7 s."""
 REPORTS = {
     "ardupilot": dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
     "px4": dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
 }
-"""Message ids, by firmware."""
+"""Message id of the estimator report, by firmware."""
 LOST_FOR = 2.0
-"""Time, s, that there must have been no position."""
+"""Time, s, without a position after which the first one is handed back."""
 ANSWER_PATIENCE, MOST_SILENT = 2.0, 3
-"""Time, s, for an answer, and as long again until the next position, for it may come late; so many in a row without one
-are enough."""
+"""Time, s, to wait for an answer, and again before the next position because the answer may be late. Number of
+consecutive unanswered positions after which the hand-back stops."""
 AFTER_FAILED = 10.0
-"""Time, s, until the next try after FAILED: the autopilot has a position after all, or none to set anew."""
+"""Time, s, until the next attempt after FAILED: the autopilot has a position after all, or none that it could reset."""
 LOOK_AFTER, EFFECT, MOST_WITHOUT = 0.5, 30.0, 3
-"""When, s, after an acceptance the reported position is looked at; how far, m, it may be from the one that was given;
-so many in a row without effect are enough."""
+"""Effect of a position on the autopilot: time of the check after acceptance, s; distance between sent and reported
+position, m, from which it had no effect; consecutive positions without effect after which the hand-back stops."""
 LEAST_SIGMA, MOST_SIGMA = 1.0, 300.0
-"""Standard deviation, m, that is told at least (PX4 resets hard below it); of a position that helps nobody any more: an
-autopilot by itself was some km off."""
+"""Smallest standard deviation sent, m: PX4 makes a hard reset below it. Largest one for which a position is still sent,
+m: an autopilot on its own was several km off."""
 MOST_GIVEN = 10_000
-"""Newest positions that are kept for handback.csv: 2.7 hours of one per second."""
+"""Number of newest positions kept for handback.csv: 2.7 hours at 1 Hz."""
 PLACE_SIGMA = 15.0
-"""Standard deviation of the beacon's place, m, above which no position is made from it; chosen."""
+"""Largest standard deviation of the beacon's place, m, for which positions are derived from it; chosen."""
 COMPASS_SIGMA = 0.03
-"""What is not known of the compass, rad, where its bias was learnt; three times that where it was not."""
+"""Standard deviation of the compass, rad, after its bias was estimated. Three times larger before."""
 WIND_SIGMA, STRAYS = 0.3, 0.6
-"""Error of the wind in dead reckoning, m/s, and with that of its gusts and of the airspeed."""
+"""Error of the wind in dead reckoning, m/s; the same including gusts and the error of the airspeed."""
 WIND_MEMORY, SCALE_MEMORY = 40.0, 300.0
-"""Times, s, over which that wind is averaged, about a lap, and the scale of the airspeed, which hardly changes. The
-drift of one moment has its gust and the slip of the nose, and .7 m/s of it put a plane 190 m off on its way home."""
+"""Averaging times, s, of the wind (about a lap) and of the airspeed scale, which hardly changes. A momentary drift
+contains gusts and sideslip: an error of 0.7 m/s put a plane 190 m off on its way home."""
 WIND_CHANGED, CHANGED_FOR = 3.0, 10.0
-"""By how much, m/s, and for how long, s, the drift must be another one to be another wind, and no gust."""
+"""Change of the drift, m/s, and its duration, s, from which it is a new wind instead of a gust."""
 AGREE = 3.0
-"""Standard deviations by which two ways of telling the place may differ."""
+"""Largest difference between two position estimates that agree, in standard deviations."""
 BIAS_MEMORY = 60.0
-"""Time, s, over which the compass bias is learnt."""
+"""Averaging time of the compass bias, s."""
 RECKON_EVERY, LONGEST_STEP = 0.1, 1.0
-"""Time, s, between two steps of dead reckoning; over a longer one nobody knows how the vehicle has turned."""
+"""Shortest time between two steps of dead reckoning, s. Longest step, s, over which the heading is still valid."""
 
 
 INTERVAL = 1.0
-"""Time between two positions, s."""
+"""Time between two handed-back positions, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class HandBackSettings:
-    """place: of the target, latitude and longitude in degrees, if the mission gives it."""
+    """place: latitude and longitude of the target, degrees, if the mission gives them."""
 
     place: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Given:
-    """A position that was given. by: ranges or dead reckoning. answer: in words. off: how far the position that the
-    vehicle reported then was from it, m."""
+    """Position sent to the autopilot. by: "ranges" or "dead reckoning". answer: autopilot's answer. off: distance to
+    the position that the vehicle reported afterwards, m."""
 
     time: float
     latitude: float
@@ -93,7 +93,10 @@ class Given:
 
 @dataclass(frozen=True, slots=True)
 class Where:
-    """Our own idea of where the vehicle is: m on the plane, wind (m/s, east + j north), true over measured airspeed."""
+    """Estimated position of the vehicle. east, north, sigma: m on the plane. wind: m/s, east + j north.
+
+    scale: true over measured airspeed. by_ranges: True if ranges were used.
+    """
 
     time: float
     east: float
@@ -105,25 +108,25 @@ class Where:
 
 
 class Health:
-    """What the autopilot says of its own position."""
+    """Position status reported by the autopilot."""
 
     def __init__(self) -> None:
         self._said: dict[str, tuple[bool, float]] = {}
 
     def hear(self, message: Message, now: float) -> None:
-        """A message of RECEIVERS or FUSES."""
+        """Process a message of RECEIVERS or FUSES."""
         kind = message.get_type()
         good = message.fix_type >= FIX_3D if kind in RECEIVERS else bool(message.flags & FUSES[kind])
         self._said[kind] = good, now
 
     def has_fix(self, now: float) -> bool:
-        """Whether a receiver has one."""
+        """True if a GPS receiver reports a 3D fix."""
         fresh = self._fresh(now)
         return any(fresh.get(kind, False) for kind in RECEIVERS)
 
     def good(self, now: float) -> bool | None:
-        """Whether there is a fix, or the estimator fuses a position of any other kind; None: receiver or estimator is
-        not heard, and nobody says that there is none."""
+        """True if a receiver has a fix or the estimator fuses an absolute position. False if both report none. None if
+        a report is missing."""
         fresh = self._fresh(now)
         heard = RECEIVERS[0] in fresh and not FUSES.keys().isdisjoint(fresh)
         return True if any(fresh.values()) else False if heard else None
@@ -133,16 +136,16 @@ class Health:
 
 
 class Mean:
-    """A running mean that forgets. memory: s."""
+    """Running mean with exponential forgetting. memory: time constant, s."""
 
     def __init__(self, memory: float) -> None:
         self._memory, self._at = memory, float("-inf")
         self.value: complex = 0j
         self.over = 0.0
-        """Time, s, that it is the mean of."""
+        """Time span of the mean, s."""
 
     def learn(self, value: complex, now: float) -> None:
-        """Take a value in; the first one counts at once."""
+        """Add a value. The first value sets the mean."""
         dt = min(max(now - self._at, 0.0), 1.0)
         self._at = now
         self.over = min(self.over + dt, self._memory)
@@ -150,19 +153,19 @@ class Mean:
 
 
 class CompassBias(Mean):
-    """Of bearings by compass less those by GPS, while there is GPS: a mean of unit vectors."""
+    """Mean difference between bearings by compass and by GPS, as unit vectors. Updated while GPS is available."""
 
     def __init__(self) -> None:
         super().__init__(BIAS_MEMORY)
 
     @property
     def bias(self) -> tuple[float, float]:
-        """The bias, rad, counter-clockwise positive, and its standard deviation; 0 before it was learnt."""
+        """Bias and its standard deviation, rad, counter-clockwise positive. The bias is 0 in the first 10 s of data."""
         return (phase(self.value), COMPASS_SIGMA) if self.over > 10.0 else (0.0, 3 * COMPASS_SIGMA)
 
 
 class Wind(Mean):
-    """As the filter's drift tells it, m/s, east + j north: about a lap of it, and the new one after a change."""
+    """Mean wind from the filter's drift, m/s, east + j north. Restarts after a lasting change."""
 
     def __init__(self) -> None:
         super().__init__(WIND_MEMORY)
@@ -180,21 +183,23 @@ class Wind(Mean):
 
 
 class DeadReckoning:
-    """The vehicle's place from the target's, the ranges and the compass; without ranges, from air path and wind."""
+    """Vehicle position from the target's place, ranges and compass. Without ranges: from airspeed, heading and wind."""
 
     def __init__(self) -> None:
         self.where: Where | None = None
         self.compass = CompassBias()
         self._wind, self._scale = Wind(), Mean(SCALE_MEMORY)
         self._air: complex = 0j
-        """Velocity through the air, m/s, east + j north, as last known."""
+        """Last known velocity through the air, m/s, east + j north."""
         self._strayed = 0.0
-        """Standard deviation, m, by which the wind has put it off since the filter was believed."""
+        """Position error, m (standard deviation), accumulated in dead reckoning since the filter was last used."""
         self._stepped_at = float("-inf")
 
     def step(self, now: float, own: OwnMotion | None, target: Place | None, estimate: RangeEstimate | None) -> None:
-        """Take the filter's word, where ranges give one, or carry the place on. own: None where it is not heard.
-        estimate: by ranges, None where there are none."""
+        """Use the range filter's position if it is trusted, else dead reckoning.
+
+        now: s. own: None if stale. estimate: range filter, None without fresh ranges.
+        """
         if now - self._stepped_at < RECKON_EVERY:
             return
         self._stepped_at = now
@@ -209,8 +214,9 @@ class DeadReckoning:
             self.where = _at_distance(estimate.r, target, flown)
 
     def _believes(self, relative: RelativeMotion, target: Place, flown: Where | None) -> bool:
-        """Whether the filter knows better than the way flown. Straight away from the target ranges tell no bearing: the
-        filter has that by the drift of its last moment. Where the two disagree by far, the wind is another one."""
+        """True if the filter's position is better than dead reckoning."""
+        # On a straight flight away from the target, ranges give no bearing: the filter then extrapolates with the last
+        # drift. Prefer dead reckoning there, unless both differ by so much that the wind must have changed.
         if flown is None or relative.sigma <= self._strayed:
             return True
         return abs(_from(target, flown) - self._way(relative)) > AGREE * relative.sigma
@@ -230,7 +236,7 @@ class DeadReckoning:
         self.where = Where(now, target.east + way.real, target.north + way.imag, sigma, wind, scale, True)
 
     def _flown(self, now: float, before: Where, own: OwnMotion | None) -> Where:
-        """On through the air; straight on where the vehicle is not heard, which may have turned anywhere since."""
+        """Return the position by dead reckoning. Without own motion it assumes a straight flight and a large error."""
         bias, bias_sigma = self.compass.bias
         dt = now - before.time
         if own is not None:
@@ -249,7 +255,7 @@ def _from(target: Place, here: Where) -> complex:
 
 
 def _at_distance(r: float, target: Place, here: Where) -> Where:
-    """Moved along the line of sight to where the ranges say, m; not where they cannot be right."""
+    """Return the position moved along the line of sight to the measured distance r (m), unless r is implausible."""
     way = _from(target, here)
     if not 0 < abs(r - abs(way)) < AGREE * here.sigma or abs(way) < 1.0:
         return here
@@ -258,35 +264,35 @@ def _at_distance(r: float, target: Place, here: Where) -> Where:
 
 
 class HandBack:
-    """Decides when a position is given, and to whom never again."""
+    """Decides when a position is sent, and when to stop for good."""
 
     def __init__(self, settings: HandBackSettings) -> None:
         self.settings = settings
         self.given: list[Given] = []
-        """The newest positions, at most MOST_GIVEN."""
+        """Newest positions sent, at most MOST_GIVEN."""
         self.sent = self.accepted = 0
-        """Number of all positions given, and of those that the autopilot accepted."""
+        """Number of positions sent, and number accepted by the autopilot."""
         self.ended = "the position was not lost"
-        """Why nothing is given now, for people."""
+        """Human-readable reason why no position is sent."""
         self.over = False
-        """Whether nothing will be given any more."""
+        """True if the hand-back has stopped for good."""
         self._lost_since: float | None = None
         self._lacks = ""
-        """Why there is nothing to give now, for people."""
+        """Human-readable reason why no position is available."""
         self._due = 0.0
         self._waits = self._open = False
-        """Whether an answer is waited for; whether one that comes would be that to the newest."""
+        """True while waiting for an answer; True while an answer can still belong to the newest position."""
         self._silent = self._without = 0
         self._look_at: float | None = None
 
     @property
     def begun(self) -> bool:
-        """Whether the position is lost, and somebody is there who takes ours."""
+        """True if the autopilot has lost its position and the hand-back has not stopped."""
         return self._lost_since is not None and not self.over
 
     @property
     def words(self) -> str:
-        """What goes on, for people; empty where nothing does."""
+        """Human-readable state, empty if the position is not lost."""
         if self.over or self._lost_since is None:
             return f"stopped: {self.ended}" if self.over else ""
         if self._lacks:
@@ -299,7 +305,8 @@ class HandBack:
     def step(
         self, now: float, *, good: bool | None, where: Where | None, plane: Plane, target: tuple[int, int]
     ) -> Message | None:
-        """The command due now. good: whether the autopilot has a position; None: nobody says."""
+        """Return the command to send now. good: True if the autopilot has a position, None if unknown."""
+        # An unknown status counts as a valid position: never move an autopilot that may have one.
         if good is None or good:
             self._lost_since, self._waits, self._open, self._lacks = None, False, False, ""
             if self.given and not self.over:
@@ -326,7 +333,7 @@ class HandBack:
         return position_estimate(latitude, longitude, sigma, target, now, now - where.time)
 
     def answered(self, message: Message, us: tuple[int, int], now: float) -> None:
-        """A COMMAND_ACK of the vehicle."""
+        """Process a COMMAND_ACK of the vehicle. us: own system and component id."""
         if message.command != dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE or not self._open:
             return
         if message.target_system not in (0, us[0]) or message.target_component not in (0, us[1]):
@@ -334,7 +341,7 @@ class HandBack:
         answer = RESULT_NAMES.get(message.result, f"result {message.result}")
         self.given[-1] = replace(self.given[-1], answer=answer)
         if message.result == dialect.MAV_RESULT_IN_PROGRESS:
-            return  # the final one is to come
+            return  # the final answer follows
         self._waits, self._open, self._silent = False, False, 0
         match message.result:
             case dialect.MAV_RESULT_ACCEPTED:
@@ -345,7 +352,7 @@ class HandBack:
                 self._end(f"the autopilot answered: {answer}")
 
     def reported(self, east: float, north: float, here: Where | None, now: float) -> None:
-        """A position that the vehicle reports: after an acceptance it must be about ours."""
+        """Process a position reported by the vehicle (m). After an acceptance it must be near the one that was sent."""
         if self._look_at is None or here is None or now < self._look_at:
             return
         self._look_at = None
@@ -356,7 +363,7 @@ class HandBack:
             self._end("positions are accepted, and have no effect")
 
     def plain(self) -> dict[str, Any]:
-        """For the summary."""
+        """Return the fields for summary.json."""
         return {"sent": self.sent, "accepted": self.accepted, "ended": self.ended}
 
     def _end(self, why: str) -> None:

@@ -1,7 +1,7 @@
-"""The survey of a flight: positions and ranges in, the target's place and what is said of it out. No socket, no clock.
+"""Live target localization: vehicle positions and ranges in, target estimate and its messages out. No socket, no clock.
 
-Speaks as a component of its own, so that what the pilot sends stays what it is, byte for byte; and never says anything
-that moves the vehicle: `SAYS` is all there is.
+The survey sends as a separate MAVLink component, so the pilot's frames stay the same, byte for byte. It sends only the
+message types in `SAYS`: none of them moves the vehicle.
 """
 
 from cmath import rect
@@ -44,46 +44,47 @@ WANTED = frozenset({
 })  # fmt: skip
 STREAMS = {dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0, dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 2.0}
 SECOND = dialect.MAVLINK_MSG_ID_GPS2_RAW
-"""Of a second receiver, where the vehicle has one."""
+"""Report of a second GPS receiver, which not every vehicle has."""
 SAYS = frozenset({"NAMED_VALUE_FLOAT", "STATUSTEXT", "ORBIT_EXECUTION_STATUS", "RANGING_BEACON", "COMMAND_LONG",
                   "COMMAND_INT"})  # fmt: skip
-"""Types of the messages that may leave here; of commands those of COMMANDS."""
+"""Message types that the survey may send. Commands are limited to COMMANDS."""
 COMMANDS = frozenset({
     dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_DO_SET_ROI_LOCATION, dialect.MAV_CMD_DO_SET_ROI_NONE,
     dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE,
 })  # fmt: skip
 MOST_AHEAD = 5.0
-"""Time, s, by which a stamp of the vehicle may be ahead of its clock."""
+"""Largest time, s, by which a vehicle's timestamp may be ahead of the estimate of its clock."""
 WINDOW = 600.0
-"""Newest time, s, that the place is made from."""
+"""Length, s, of the window of positions and ranges used for the estimate."""
 MOST_KEPT = 2000
-"""Ranges that a solution goes by at most; more are thinned, because handing over thousands costs a tick."""
+"""Largest number of ranges kept. Above it, half of them are dropped: passing thousands to the solver costs a tick."""
 GONE = 10.0
-"""Silence of the vehicle, s, after which nothing is given back any more."""
+"""Age of the newest heartbeat, s, after which no position is handed back."""
 AFTER = {dialect.MAVLINK_MSG_ID_ATTITUDE: 10.0, dialect.MAVLINK_MSG_ID_VFR_HUD: 5.0}
-"""Streams that dead reckoning needs when the pilot has given its own back, message id -> Hz."""
+"""Streams for dead reckoning after the pilot has released its own: message id -> Hz."""
 SOLVE_EVERY, TELL_EVERY, TEXT_EVERY = 1.0, 1.0, 30.0
-"""Least time, s, between two solutions, two lines of the map and two texts to the ground station; chosen."""
+"""Shortest time, s, between two estimates, two map updates and two texts to the ground station; chosen."""
 SOLVE_SHARE = 0.03
-"""Of the time that the positions span, between two estimates: one takes up to half a second, and the more there is to
-go by, the less a new second tells."""
+"""Shortest time between two estimates, as a share of the time span of the positions. An estimate takes up to 0.5 s, and
+one more second of data adds little to a long track."""
 HEIGHT_SIGMA = 5.0
-"""Standard deviation, m, of a height that the mission gives: a barometer's drift and an operator's guess."""
+"""Standard deviation, m, of a height given by the mission: drift of the barometer and error of the operator's value."""
 HOME_SIGMA = 50.0
-"""Of the height of a target of which nothing is said, above home, m."""
+"""Standard deviation, m, of the target height (taken as home) if the mission gives none."""
 RADIUS_OFF = 0.02
-"""Share of the radius by which the radius by the positions must differ for an alarm; no less than their error."""
+"""Difference between the radius by ranges and by positions that raises an alarm, as a share of the radius. It must also
+exceed the GPS error."""
 COMPARED_LAPS, MIN_COMPARED, SETTLED = 1.2, 20, 0.05
-"""Newest laps, and least positions and ranges in them, by which both radii are compared; share of the radius within
-which most of these ranges must be: on the way to the circle the mean distance is no radius."""
+"""Comparison of the two radii: newest laps used; smallest number of positions and of ranges in them; largest deviation
+of 90 % of the ranges, as a share of the radius. During the approach the mean distance is not a radius."""
 FRESH_RANGE = 2.0
-"""Age, s, up to which ranges tell where the vehicle is."""
+"""Largest age, s, of the newest range for which the range filter is used in the hand-back."""
 
 
 @dataclass(frozen=True, slots=True)
 class LocateSettings:
-    """component: the id to speak under. gps_sigma, range_bias_sigma: standard deviations, m. beacon: whether to send
-    RANGING_BEACON with the place filled in. camera: whether to point the camera at the place."""
+    """component: own MAVLink component id. gps_sigma, range_bias_sigma: standard deviations, m. beacon: True to send
+    RANGING_BEACON with the estimated place. camera: True to point the camera at the place."""
 
     component: int
     gps_sigma: float = 1.5
@@ -94,7 +95,7 @@ class LocateSettings:
 
 
 class Locator:
-    """Hears what the pilot hears, after it. Nothing goes from here to the pilot."""
+    """Receives the same frames as the pilot, after the pilot. It does not change the pilot."""
 
     def __init__(self, settings: LocateSettings, pilot: Pilot, signing: Signing | None = None) -> None:
         self._settings, self._pilot = settings, pilot
@@ -105,14 +106,14 @@ class Locator:
         self.plane: Plane | None = None
         self.place: Place | None = None
         self.why = "no position of the vehicle"
-        """Why there is no place, for people."""
+        """Human-readable reason why the place is unknown."""
         self.watch = GpsWatch()
         self.handback = HandBack(settings.handback) if settings.handback else None
         self._health, self._reckoning = Health(), DeadReckoning()
         self.only_hand_back = False
-        """Whether the survey has failed, and a position is given back by what is known."""
+        """True if the survey has failed. Positions are then handed back from the last target place."""
         self.problem: str | None = None
-        """What has failed, for people."""
+        """Human-readable failure, or None."""
         self._track: deque[tuple[float, float, float, float]] = deque()
         self._ranges: deque[tuple[float, float, float]] = deque()
         self._accepted = 0
@@ -128,20 +129,20 @@ class Locator:
         self._aimed_at: Place | None = None
         self._alone = self._ended = False
         self.called_off = False
-        """Whether nothing is given beyond the end of guidance."""
+        """True if no position may be handed back after guidance has ended."""
         self._now = 0.0
         self.cot_due = False
         self.radius_alarm = ""
-        """Error of the radio on the circle, with the true radius; empty if the radius is right as far as known."""
+        """Error of the radio on the circle, with the true radius. Empty if no error was found."""
 
     # --- in ---------------------------------------------------------------------------------------------------------
 
     def hear(self, link: str, source: Hashable, frames: Iterable[bytes], now: float) -> None:
-        """Whole frames that are believed, after the pilot has had them."""
+        """Process complete, trusted frames after the pilot. now: s."""
         session, tracker = self._pilot.session, self._pilot.tracker
         if link == VEHICLE and session.peer is not None and source == session.peer.source:
             for frame in frames:
-                header = frame_at(frame, 0)  # most are of no interest: that is cheaper than to decode them
+                header = frame_at(frame, 0)  # most frames are not needed: checking the header is cheaper than decoding
                 if header is None or (header.system, header.component) != session.vehicle_ids:
                     continue
                 if self._streams is not None:
@@ -158,7 +159,7 @@ class Locator:
         if kind in RECEIVERS or kind in FUSES:
             self._health.hear(message, now)
         if kind == "GPS_RAW_INT":
-            reported = message.h_acc / 1000 / 1.414 if message.h_acc else 0.0  # of one axis; 0: not known
+            reported = message.h_acc / 1000 / 1.414 if message.h_acc else 0.0  # per axis, m; 0 if not reported
             self._gps_sigma = max(self._settings.gps_sigma, min(reported, 100.0))
         elif kind == "COMMAND_ACK":
             us = self._encoder.system, self._settings.component
@@ -170,7 +171,7 @@ class Locator:
 
     @property
     def track(self) -> list[tuple[float, float]]:
-        """Latitude and longitude of the positions by which the place was made."""
+        """Latitude and longitude, degrees, of the vehicle positions used for the estimate."""
         if self.plane is None:
             return []
         return [self.plane.to_degrees(east, north) for _, east, north, _ in self._track]
@@ -187,8 +188,8 @@ class Locator:
         if self.handback is not None:
             self.handback.reported(east, north, self._reckoning.where, now)
         if not fix or self.only_hand_back:
-            return  # a position without GPS is the autopilot's own dead reckoning
-        # by the vehicle's own clock: on the way it may have waited, and V times that is metres
+            return  # without a GPS fix the position is the autopilot's own dead reckoning
+        # Use the vehicle's timestamp. A delay on the link times the speed is an error of meters.
         stamp = self._clock.unwrapped(message.time_boot_ms / 1000)
         order = self._clock.order(stamp, now, most_ahead=MOST_AHEAD)
         if order in (Order.OLDER, Order.JUMPED):
@@ -209,11 +210,14 @@ class Locator:
             self._ranges.append((sample.time, slant, max(sample.sigma * sample.r / max(slant, 1e-3), 0.02)))
         while self._ranges and now - self._ranges[0][0] > WINDOW:
             self._ranges.popleft()
-        if len(self._ranges) > MOST_KEPT:  # every second one: to hand over thousands would cost a tick
+        if len(self._ranges) > MOST_KEPT:  # keep every second range
             self._ranges = deque(islice(self._ranges, 0, None, 2))
 
     def _look(self, east: float, north: float, up: float, time: float, now: float) -> None:
-        """Let the watch compare the position of a time with the range and the bearing of then."""
+        """Compare a position with the range and the bearing at the same time. Pass the result to the GPS watch.
+
+        east, north, up: m. time, now: s.
+        """
         place, own, tracker = self.place, self._own(now), self._pilot.tracker
         range_off = bearing_off = None
         if place is not None and tracker.newest is not None and now - tracker.newest.time < 1.0:
@@ -232,14 +236,14 @@ class Locator:
         if bearing_off is not None and self.watch.trusts_positions:
             self._reckoning.compass.learn(rect(1.0, bearing_off[0]), now)
         if self.watch.culprit is Culprit.BEACON and self.place is not None:
-            # the beacon has moved, or another one answers: what was surveyed is no longer so
+            # The beacon has moved, or another beacon answers. Discard the estimate and start again.
             self.place = None
             self._track.clear()
             self._ranges.clear()
             self.watch.forget_ranges()
 
     def _relative(self, time: float) -> RelativeMotion | None:
-        """Where the vehicle is from the target by ranges and compass, where that is trusted."""
+        """Return the position relative to the target by ranges and compass, or None if it is not trusted."""
         estimate = self._pilot.tracker.estimator.at(time)
         relative = estimate.relative if estimate else None
         return relative if relative is not None and relative.trusted else None
@@ -247,7 +251,10 @@ class Locator:
     # --- the estimate -----------------------------------------------------------------------------------------------
 
     def job(self, now: float) -> tuple[Plane, Track, Ranges, Knowledge, Place | None] | None:
-        """What to call `locate` with, when that is due: it takes some hundredths of a second, so somebody else does."""
+        """Return the arguments of the next `locate` call, or None if none is due.
+
+        The caller runs it in another process, because it takes several hundredths of a second.
+        """
         if now < self._solve_at or self.plane is None or len(self._track) < 2 or not self._ranges:
             return None
         newest = self._track[-1][0]
@@ -263,7 +270,7 @@ class Locator:
         return self.plane, track, ranges, known, self.place
 
     def found(self, place: Place | NotYet) -> None:
-        """The answer to a job. What was found before stays where nothing is found now."""
+        """Process the result of a job. Keep the previous place if none was found."""
         if isinstance(place, Place):
             self.place = place
             self._compare_radius(place)
@@ -271,7 +278,7 @@ class Locator:
             self.why = place.why
 
     def _compare_radius(self, place: Place) -> None:
-        """Compare the radius by the ranges with that by the positions. The radius flown stays that by the ranges."""
+        """Compare the radius by ranges with the radius by positions. The vehicle keeps flying the radius by ranges."""
         before, self.radius_alarm = self.radius_alarm, ""
         if not self._track:
             return
@@ -282,8 +289,8 @@ class Locator:
         ways = np.array([(east - there.east, north - there.north) for there, east, north in newest])
         if len(ranges) < MIN_COMPARED or len(ways) < MIN_COMPARED:
             return
-        # A whole lap round the place gives the radius by the positions alone. Neither the height nor the scale and bias
-        # of the radio enters, and an error of the place or of the GPS moves the circle and leaves its radius.
+        # A whole lap around the place gives the radius from positions alone, without the height or the radio's scale
+        # and bias. An error of the place or of the GPS shifts the circle but does not change its radius.
         settled = np.percentile(np.abs(ranges - hypot(orbit.radius, height)), 90) < SETTLED * orbit.radius
         if not settled or abs(np.ptp(np.unwrap(np.arctan2(*ways.T)))) < 2 * pi:
             return
@@ -300,7 +307,7 @@ class Locator:
 
     @property
     def busy(self) -> bool:
-        """Whether there is something to do after guidance has ended: to give a position, and then the streams back."""
+        """True if work remains after the end of guidance: positions to hand back, then streams to release."""
         return self._gives or (self._alone and not self._ended and self._pilot.session.up)
 
     @property
@@ -311,7 +318,7 @@ class Locator:
         return session.vehicle.armed and session.heartbeat_age(self._now) < GONE
 
     def step(self, now: float) -> list[bytes]:
-        """The frames due now."""
+        """Return the frames to send now."""
         session, mode = self._pilot.session, self._pilot.settings.output_mode
         self._now = now
         if session.peer is None:
@@ -343,7 +350,7 @@ class Locator:
         return messages
 
     def _requests(self, place: Place | None, now: float) -> list[Message]:
-        """Streams, the camera, and the position that is given back."""
+        """Return stream requests, camera commands and the position to hand back."""
         session, done = self._pilot.session, self._pilot.done
         assert session.peer is not None
         target, flies = session.peer.ids, self._pilot.settings.output_mode is OutputMode.FLY
@@ -351,7 +358,7 @@ class Locator:
         for result in self._commands.take_results():
             if result.command.number == dialect.MAV_CMD_DO_SET_ROI_LOCATION:
                 self._aims &= not result.refused
-                self._aimed_at = self._aimed_at if result.accepted else None  # without an answer, again
+                self._aimed_at = self._aimed_at if result.accepted else None  # no answer: aim again
             elif result.refused and self._streams and result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
                 self._streams.denied(result)
         if flies and (done or self._aims) and not self.only_hand_back:
@@ -362,11 +369,11 @@ class Locator:
         return messages
 
     def _stream(self, now: float, *, done: bool) -> list[Message]:
-        """Ask for the streams that are due; when all is over, what gives the vehicle its own rates back."""
+        """Request the streams that are due. At the end, return the requests that restore the vehicle's own rates."""
         session = self._pilot.session
         assert session.peer is not None
         if self._streams is None or (done and not self._alone and self._gives):
-            self._alone = done  # from then on the pilot's own streams are given back
+            self._alone = done  # after guidance the pilot has released its own streams
             health = {REPORTS[session.adapter.firmware.key]: 2.0, SECOND: 2.0} if self.handback else {}
             self._streams = StreamRequests(STREAMS | health | (AFTER if done else {}), maybe={SECOND})
         if not done or self._gives:
@@ -377,7 +384,7 @@ class Locator:
         return [] if ended else [once(request, session.peer.ids) for request in self._streams.give_back()]
 
     def _aim(self, place: Place | None) -> None:
-        """Point the camera where the place has moved to; None: let go of it."""
+        """Point the camera at the place again if the place has moved. None: release the camera."""
         before = self._aimed_at
         if place is None:
             if self._aimed:
@@ -390,7 +397,7 @@ class Locator:
             self._commands.send(camera(place))
 
     def _give_back(self, back: HandBack, place: Place | None, target: tuple[int, int], now: float) -> list[Message]:
-        """The position for an autopilot that has lost its own, when it is due."""
+        """Return the position for an autopilot that has lost its own, if one is due."""
         given, newest = back.settings.place, self._pilot.tracker.newest
         if given is not None:
             self.plane = self.plane or Plane(*given)
@@ -405,12 +412,12 @@ class Locator:
         return [] if message is None else [message]
 
     def _own(self, now: float) -> OwnMotion | None:
-        """How the vehicle moves through the air, unless that is stale."""
+        """Return the vehicle's motion through the air, or None if it is stale."""
         own = self._pilot.own
         return own if own is not None and now - own.time <= ATTITUDE_MAX_AGE else None
 
     def _say(self, place: Place | None, now: float) -> None:
-        """STATUSTEXT: the place when it is first known and when it has moved; alarms as they begin and end."""
+        """Queue STATUSTEXT messages: the place when first found and after it moved; the begin and end of alarms."""
         culprit = self.watch.culprit
         if culprit is not self._culprit:
             self._culprit = culprit
@@ -423,11 +430,11 @@ class Locator:
             self._said_at, self._said = now, place
             sigma = f"{place.sigma:.1f}" if isfinite(place.sigma) else "?"
             self._announcer.say("place", f"target {place.latitude:.6f} {place.longitude:.6f} {sigma} m")
-            if place.up_known:  # one text is as long as may be
+            if place.up_known:  # a second message: the first one has the maximum length
                 self._announcer.say("altitude", f"target altitude {place.up:.1f} +-{place.up_sigma:.1f} m")
 
     def _encode(self, message: Message) -> bytes:
-        """One frame; only what may be said. Raises ValueError."""
+        """Return one frame. Raises ValueError if the survey must not send this message."""
         kind = message.get_type()
         if kind not in SAYS or (kind.startswith("COMMAND") and message.command not in COMMANDS):
             raise ValueError(f"{kind} must not leave the survey")

@@ -1,4 +1,4 @@
-"""The map of what was located, as a picture."""
+"""Map of the located targets, as a picture."""
 
 import json
 from pathlib import Path
@@ -15,7 +15,7 @@ TRACK, TARGET = "#0063a6", "#d55e00"
 
 
 def plot_map(path: Path, table: str, title: str) -> None:
-    """Draw the features of a GeoJSON of ours: once with the track, once as near as the ellipses are. Raises OSError."""
+    """Draw the features of `export.geojson`: once with the track, once zoomed to the ellipses. Raises OSError."""
     features = json.loads(table)["features"]
     points = [feature for feature in features if feature["geometry"]["type"] == "Point"]
     longitude, latitude = points[0]["geometry"]["coordinates"]

@@ -1,4 +1,4 @@
-"""The survey of the target and the hand-back beside a flight: an onlooker with a process and a socket of its own."""
+"""Onlooker that runs the survey of the target and the hand-back, with its own process and socket."""
 
 import socket
 from collections.abc import Mapping, Sequence
@@ -24,18 +24,17 @@ HAND_BACK_COLUMNS = "time,latitude_deg,longitude_deg,sigma_m,by,answer,reported_
 
 
 class Locating(Onlooker):
-    """Runs a locator. The estimate is made in a process of its own: it takes longer than a tick may, and a thread would
-    hold the interpreter's lock while a range waits for its setpoint."""
+    """Runs a `Locator`. The estimator has its own process, because an estimate takes longer than a tick. A thread would
+    hold the interpreter lock and delay setpoints."""
 
     name = "survey"
 
     def __init__(self, locator: Locator, name: str, cot: tuple[str, int] | None = None, *, waits: bool) -> None:
-        """name: of the target, in Cursor on Target. cot: address that gets it; a host name would be looked up in the
-        loop. waits: True to wait for every estimate, so that a flight in simulated time is the same on every
-        computer."""
+        """name: of the target in Cursor on Target. cot: address of its receiver; numeric, because a name would be
+        resolved in the loop. waits: True to wait for every estimate, so that simulated flights are reproducible."""
         self.locator, self._target, self._cot, self._waits = locator, name, cot, waits
         self._epoch_us = 0
-        self._pool = start_solver()  # now, not in flight
+        self._pool = start_solver()  # start it before the flight
         self._ended = False
         self._under_way: Future[Place | NotYet] | None = None
         self._socket = None if cot is None else socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -44,20 +43,22 @@ class Locating(Onlooker):
 
     @property
     def busy(self) -> bool:  # type: ignore[override]
-        """True while positions are still handed back, or the streams are not yet given back."""
+        """True while positions are handed back or the vehicle's stream rates are not yet restored."""
         return not self._ended and self.locator.busy
 
     @property
     def problem(self) -> str | None:  # type: ignore[override]
-        """Description of the failure, in one line; None if all works."""
+        """One-line description of a failure, or None."""
         return self.locator.problem
 
     def start(self, epoch_us: int) -> None:
         self._epoch_us = epoch_us
 
     def on_step(self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None) -> Sequence[bytes]:
-        """Take in the frames of a step. Return the frames to send now, none if the pilot's were held back. An error
-        ends the survey; the hand-back goes on with what is known, until it has an error of its own."""
+        """Process the frames of a step. Return the frames to send now; none if the pilot's frames were held back.
+
+        An error ends the survey. The hand-back continues with the last known place until it fails as well.
+        """
         self.locator.called_off = self.called_off
         if self._ended:
             return []
@@ -136,19 +137,19 @@ class Locating(Onlooker):
         if self._socket is None or self._cot is None or place is None or not self.locator.cot_due:
             return
         self.locator.cot_due = False
-        with suppress(OSError):  # no receiver, or no network now
+        with suppress(OSError):  # no receiver or no network
             self._socket.sendto(cursor_on_target(place.at(now), self._target, self._epoch_us, now), self._cot)
 
 
 def open_onlooker(given: OnlookerSettings) -> Locating | None:
-    """Return the survey beside the pilot, None if the mission wants none. Raises Refused."""
+    """Return the survey onlooker, or None if the mission does not enable it. Raises Refused."""
     mission, settings = given.mission, locate_settings(given.mission)
     if settings is None:
         return None
     cot, given_cot = None, tables_of(mission)[0].cot
     if given_cot is not None:
         host, _, port = given_cot.rpartition(":")
-        try:  # once: in flight setpoints would wait for a name server
+        try:  # resolve the name before the flight: a name server would delay setpoints
             cot = socket.gethostbyname(host), int(port)
         except (OSError, UnicodeError) as error:
             raise Refused(f"locate.cot: {host}: {explain(error)}") from None

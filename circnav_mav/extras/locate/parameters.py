@@ -1,4 +1,4 @@
-"""The place of a beacon as parameters of an autopilot."""
+"""Autopilot parameters for the place of a beacon."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -9,7 +9,7 @@ from circnav_mav.extras.locate.place import Place
 
 
 def px4(places: Mapping[str, Place]) -> Iterator[str]:
-    """Yield commands for PX4's console: the places that are filled into RANGING_BEACON messages without one."""
+    """Yield commands for PX4's console. PX4 uses these places for RANGING_BEACON messages without a place."""
     yield "# PX4: RNGBC1_* fill the place into RANGING_BEACON messages of this beacon: pull request 28323 of 2026-08,"
     yield "# not in a release then. Only RNGBC1_ID is named there: compare the others, param show RNGBC*"
     for number, (tag, place) in enumerate(places.items(), 1):
@@ -24,7 +24,7 @@ def px4(places: Mapping[str, Place]) -> Iterator[str]:
 
 
 def ardupilot(places: Mapping[str, Place]) -> Iterator[str]:
-    """Yield lines of a parameter file: the origin of the beacon system, at the first beacon."""
+    """Yield lines of a parameter file that put the origin of the beacon system at the first beacon."""
     origin: Place | None = None
     for tag, place in places.items():
         if origin is None:
@@ -47,7 +47,7 @@ def _altitude(place: Place, line: str, prefix: str) -> str:
 
 
 def _rounding(place: Place) -> str:
-    """Describe the place, and what is lost of it in a parameter, which has 32 bits."""
+    """Return the accuracy of the place and the error of storing it in 32-bit parameters, as text."""
     kept = (float(np.float32(place.latitude)), float(np.float32(place.longitude)))
     east, north = place.plane.to_metres(*kept)
     lost = float(np.hypot(east - place.east, north - place.north))

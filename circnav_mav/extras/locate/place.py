@@ -1,4 +1,4 @@
-"""The place of the target as the estimator tells it, in metres on a plane and in degrees."""
+"""Estimated place of the target, in meters on a plane and in degrees."""
 
 from dataclasses import dataclass, field, replace
 from math import atan2, cos, degrees, hypot, radians, sin
@@ -8,30 +8,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 SEMI_MAJOR, ECCENTRICITY_SQUARED = 6378137.0, 6.69437999014e-3
-"""WGS 84's ellipsoid: semi-major axis, m, and first eccentricity squared."""
+"""WGS 84 ellipsoid: semi-major axis, m, and first eccentricity squared."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """The plane that touches the ellipsoid at latitude, longitude (degrees). Coordinates: m east, m north."""
+    """Plane tangent to the ellipsoid at latitude, longitude (degrees). Coordinates: m east, m north."""
 
     latitude: float
     longitude: float
 
     def _metres_per_radian(self) -> tuple[float, float]:
-        """East and north: the radii of curvature, that of the parallel and that of the meridian."""
+        """Return meters per radian of longitude (radius of the parallel) and of latitude (radius of curvature)."""
         phi = radians(self.latitude)
         w = 1 - ECCENTRICITY_SQUARED * sin(phi) ** 2
         return SEMI_MAJOR / w**0.5 * cos(phi), SEMI_MAJOR * (1 - ECCENTRICITY_SQUARED) / w**1.5
 
     def to_metres(self, latitude: Any, longitude: Any) -> tuple[Any, Any]:
-        """East and north of numbers or arrays, degrees."""
+        """Return east and north (m) of numbers or arrays in degrees."""
         east, north = self._metres_per_radian()
         around = (longitude - self.longitude + 180) % 360 - 180
         return around * radians(east), (latitude - self.latitude) * radians(north)
 
     def to_degrees(self, east: Any, north: Any) -> tuple[Any, Any]:
-        """Latitude and longitude of numbers or arrays, m."""
+        """Return latitude and longitude (degrees) of numbers or arrays in m."""
         per_east, per_north = self._metres_per_radian()
         longitude = self.longitude + degrees(1 / per_east) * east
         return self.latitude + degrees(1 / per_north) * north, (longitude + 180) % 360 - 180
@@ -39,14 +39,14 @@ class Plane:
 
 Array = NDArray[np.float64]
 CHI95 = 2.4477
-"""Semi-axes of the 95 % ellipse in standard deviations: the root of chi-squared with two degrees of freedom."""
+"""Semi-axes of the 95 % ellipse, in standard deviations: square root of chi-squared, two degrees of freedom."""
 SIGNIFICANT = 3.0
 """Standard deviations from zero at which the bias or scale of a radio counts as found."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ellipse:
-    """The 95 % ellipse: semi-axes, m, and the direction of the major one, degrees clockwise from north."""
+    """95 % ellipse. major, minor: semi-axes, m. azimuth: of the major axis, degrees clockwise from north."""
 
     major: float
     minor: float
@@ -55,15 +55,14 @@ class Ellipse:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where the target is at a time (s). East, north, up: m on the plane, up above sea level as the vehicle counts it.
+    """Place of the target at a time (s). east, north: m on the plane. up: m above sea level, as vehicle altitudes.
 
-    covariance: (2, 2) of east and north, m^2, the vehicle's own position error included. up_sigma: m. up_known: whether
-    the height is observed (or was given); else it is no more than the prior. velocity: m/s east and north, zero of a
-    target that does not move as far as anybody can tell; velocity_sigma: None then. bias, scale: error of the radio: a
-    range is measured bias (m) + scale times its length too long. radio_covariance: (2, 2) of bias and scale.
-    bias_prior: standard deviation of the bias before the ranges, m. delay: s by which positions are older than ranges
-    of the same stamp. noise: standard deviation of the ranges about the model, m. used, outliers: ranges.
-    range_scale: their median, m.
+    covariance: (2, 2) of east and north, m^2, including the vehicle's position error. up_sigma: m. up_known: True if
+    the height is observed or given, otherwise it is the prior. velocity: m/s east and north, zero for a target that
+    appears stationary; velocity_sigma is None then. bias, scale: a range is measured too long by bias (m) + scale
+    times its length. radio_covariance: (2, 2) of bias and scale. bias_prior: prior standard deviation of the bias, m.
+    delay: time, s, by which positions are older than ranges with the same timestamp. noise: standard deviation of the
+    range residuals, m. used, outliers: numbers of ranges. range_scale: median range, m.
     """
 
     time: float
@@ -89,17 +88,17 @@ class Place:
 
     @property
     def latitude(self) -> float:
-        """Degrees."""
+        """Latitude, degrees."""
         return float(self.plane.to_degrees(self.east, self.north)[0])
 
     @property
     def longitude(self) -> float:
-        """Degrees."""
+        """Longitude, degrees."""
         return float(self.plane.to_degrees(self.east, self.north)[1])
 
     @property
     def ellipse(self) -> Ellipse:
-        """Of 95 %."""
+        """95 % ellipse of the place."""
         values, vectors = np.linalg.eigh(self.covariance)
         minor, major = np.sqrt(np.maximum(values, 0.0)) * CHI95
         return Ellipse(float(major), float(minor), degrees(atan2(vectors[0, 1], vectors[1, 1])) % 180)
@@ -125,31 +124,31 @@ class Place:
         return abs(self.scale) > SIGNIFICANT * self.scale_sigma
 
     def range_error(self, length: float) -> tuple[float, float]:
-        """Return by how much a range of this length (m) is measured too long, and the standard deviation, m."""
+        """Return the error (measured minus true) of a range of this length (m) and its standard deviation, m."""
         slope = np.array([1.0, length])
         return self.bias + self.scale * length, float(np.sqrt(slope @ self.radio_covariance @ slope))
 
     @property
     def moves(self) -> bool:
-        """Whether the target moves."""
+        """True if the target moves."""
         return self.velocity_sigma is not None
 
     @property
     def speed(self) -> float:
-        """Over the ground, m/s."""
+        """Ground speed, m/s."""
         return hypot(*self.velocity)
 
     @property
     def course(self) -> float:
-        """Of a target that moves, degrees clockwise from north."""
+        """Course over ground of a moving target, degrees clockwise from north."""
         return degrees(atan2(*self.velocity)) % 360
 
     def distance(self, other: "Place") -> float:
-        """Between two places on the same plane, m."""
+        """Return the distance to another place on the same plane, m."""
         return hypot(self.east - other.east, self.north - other.north)
 
     def at(self, time: float) -> "Place":
-        """The place at another time; a target that moves is less well known then."""
+        """Return the place at another time (s). The covariance of a moving target grows."""
         if self.velocity_sigma is None:
             return self
         dt = time - self.time
@@ -158,7 +157,7 @@ class Place:
         return replace(self, time=time, east=east, north=north, covariance=covariance)
 
     def plain(self) -> dict[str, Any]:
-        """For summary.json and GeoJSON: names with units."""
+        """Return the fields for summary.json and GeoJSON. Their names carry the units."""
         ellipse = self.ellipse
         return {
             "latitude_deg": round(self.latitude, 8),
@@ -189,7 +188,7 @@ class Place:
         }  # fmt: skip
 
     def words(self) -> str:
-        """One line for people."""
+        """Return a human-readable line."""
         height = f"altitude {self.up:.1f} +-{self.up_sigma:.1f} m" if self.up_known else "height not observable"
         moves = ""
         if self.velocity_sigma is not None:

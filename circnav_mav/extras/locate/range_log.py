@@ -1,4 +1,4 @@
-"""A log as the estimator takes it: one vehicle, its positions and the ranges measured on board."""
+"""Input of the estimator from a log: one vehicle, its positions and the ranges measured on board."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ Range = tuple[float, float, float]
 
 
 class EmptyLogError(RunError):
-    """A log without the positions or ranges that a place is made from."""
+    """The log has no positions or no ranges."""
 
 
 @dataclass(slots=True)
@@ -26,7 +26,7 @@ class RangeLog:
     """One vehicle of a log.
 
     ranges: by tag. vehicle: its name in the log, empty if the log has only one. epoch: seconds from 1970 to the zero
-    of the log's times, None if the log does not carry UTC. notes: assumptions, and what was left out, one line each.
+    of the log's times, None if the log does not carry UTC. notes: assumptions and removed values, one line each.
     """
 
     positions: list[Position] = field(default_factory=list)
@@ -45,20 +45,19 @@ class RangeLog:
             self.notes.append(line)
 
     def plane(self) -> Plane:
-        """Return the plane that touches the earth at the first position."""
+        """Return the tangent plane at the first position."""
         return Plane(*self.positions[0][1:3])
 
     def track(self, plane: Plane) -> Track:
-        """Return the positions in the order of their times. A missing altitude is interpolated between its neighbors,
-        and zero if there is none at all."""
+        """Return the positions in order of time. Missing altitudes are interpolated, or 0 if all are missing."""
         time, latitude, longitude, up = np.array(sorted(self.positions)).T
         known = np.isfinite(up)
         up = np.interp(time, time[known], up[known]) if known.any() else np.zeros_like(up)
         return Track(time, *plane.to_metres(latitude, longitude), up)
 
     def of(self, tag: str, sigma: float | None) -> tuple[Ranges, bool]:
-        """Return a tag's ranges, and True if their standard deviations are known. sigma: m, for all ranges without one
-        in the log; None: not known."""
+        """Return the ranges of a tag, and True if their sigmas are known. sigma: m, for ranges without one in the log,
+        or None if unknown."""
         table = np.array(sorted(self.ranges[tag]))
         known = np.isfinite(table[:, 2])
         filled = np.where(known, table[:, 2], 1.0 if sigma is None else sigma)
@@ -66,7 +65,7 @@ class RangeLog:
 
 
 def corrected(ranges: Ranges, calibration: Calibration) -> Ranges:
-    """Return reported ranges as the flight used them: their true lengths at the times of their measurement."""
+    """Return reported ranges corrected as in flight: true lengths at the times of measurement."""
     if not calibration.is_set:
         return ranges
     true, slope = np.array([calibration.true(reported) for reported in ranges.r]).reshape(-1, 2).T

@@ -1,4 +1,4 @@
-"""The part of the survey in a flight's verdict and report."""
+"""Lines of the survey in a flight's verdict, and its section in the report."""
 
 from typing import Annotated, Any, Self
 
@@ -8,7 +8,7 @@ from circnav_mav.runlog.run_folder import Run
 
 
 class SurveyedPlace(BaseModel):
-    """The place of the target in summary.json. A moving one has a course."""
+    """Place of the target in summary.json. A moving target has a course."""
 
     latitude_deg: Annotated[float, Field(ge=-90, le=90)]
     longitude_deg: Annotated[float, Field(ge=-180, le=180)]
@@ -27,7 +27,7 @@ class SurveyedPlace(BaseModel):
 
 
 def surveyed_place(run: Run) -> SurveyedPlace | None:
-    """Return the place in a run's summary, None if there is none or it is damaged."""
+    """Return the place in a run's summary, None if it is missing or damaged."""
     try:
         return SurveyedPlace.model_validate(run.summary.get("place"))
     except ValidationError:
@@ -53,7 +53,7 @@ def verdict_lines(found: dict[str, Any]) -> list[str]:
 
 
 def report_section(run: Run) -> str:
-    """Return the section "Target on the map" of a report, and draw target.png for it; empty if there is no place."""
+    """Return the report section "Target on the map" and draw its target.png. Empty if there is no place."""
     from circnav_mav.extras.locate.map_picture import plot_map
     from circnav_mav.report.page import picture, rows
 

@@ -1,4 +1,4 @@
-"""The mission tables of the survey: their keys, their checks, and what the survey needs of them."""
+"""Mission tables [locate] and [handback]: keys, checks, and the settings derived from them."""
 
 from collections.abc import Iterator
 from typing import Annotated, Self, cast
@@ -13,11 +13,11 @@ from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.schema import MOST_PORT, Table
 
 LAST_COMPANION = 194
-"""MAV_COMP_ID_ONBOARD_COMPUTER4."""
+"""Last component id of an onboard computer (MAV_COMP_ID_ONBOARD_COMPUTER4)."""
 
 
 def _host_and_port(given: str) -> str:
-    """Return an address for datagrams, host:port, if it is one."""
+    """Return a valid UDP address, host:port. Raises PydanticCustomError."""
     host, _, port = given.rpartition(":")
     if not host or ":" in host or not host.isprintable() or not port.isdecimal() or not 0 < int(port) <= MOST_PORT:
         raise PydanticCustomError("host", f'must be host:port, port 1 .. {MOST_PORT}, such as "239.2.3.1:6969"')
@@ -49,12 +49,12 @@ class HandBackTable(Table):
 
 
 def tables_of(mission: Mission) -> tuple[LocateTable, HandBackTable]:
-    """Return the tables of a mission."""
+    """Return the tables [locate] and [handback] of a mission."""
     return cast(LocateTable, mission.file.locate), cast(HandBackTable, mission.file.handback)  # type: ignore[attr-defined]
 
 
 def locate_settings(mission: Mission) -> LocateSettings | None:
-    """Return what the survey needs; None if the mission wants none. It sends as the companion after ours."""
+    """Return the settings of the survey, None if the mission enables neither table."""
     locate, back = tables_of(mission)
     if not (locate.enabled or back.enabled):
         return None
@@ -72,7 +72,7 @@ def locate_settings(mission: Mission) -> LocateSettings | None:
 
 
 def check_tables(mission: Mission) -> Iterator[Check]:
-    """Check what the tables allow by themselves and the mission does not."""
+    """Check the tables against the rest of the mission."""
     locate, back = tables_of(mission)
     given = [f"locate.{name}" for name in ("camera", "beacon", "cot") if getattr(locate, name)]
     if given and not (locate.enabled or back.enabled):

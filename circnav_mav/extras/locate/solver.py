@@ -1,4 +1,4 @@
-"""The process in which the survey's estimate is made. It imports little, so that it is ready soon."""
+"""Process of the survey's estimator. It imports little, so that it starts quickly."""
 
 import multiprocessing
 import os
@@ -6,19 +6,19 @@ import signal
 from concurrent.futures import ProcessPoolExecutor
 
 NICE = 5
-"""Niceness of the solver's process, so that the flight's goes first; chosen."""
+"""Niceness of the solver, so that the flight's process has priority; chosen."""
 
 
 def start_solver() -> ProcessPoolExecutor:
-    """A pool of one, on its way up."""
+    """Return a pool of one process and start it."""
     pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin)
     pool.submit(os.getpid)
     return pool
 
 
 def _begin() -> None:
-    """Quiet, and ready. The operator's Ctrl-C is for the flight."""
+    """Prepare the process: low priority, and Ctrl-C left to the flight's process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(os, "sched_setscheduler"):  # real-time priority, where the flight has it, is for the flight alone
+    if hasattr(os, "sched_setscheduler"):  # do not inherit the flight's real-time priority
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.nice(NICE)

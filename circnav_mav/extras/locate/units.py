@@ -1,4 +1,4 @@
-"""Finds ranges in another unit than meters by how well they fit the track."""
+"""Detects ranges in a unit other than meters by the quality of their fit."""
 
 from dataclasses import dataclass, replace
 
@@ -9,22 +9,23 @@ from circnav_mav.extras.locate.logs.interface import METERS, UNITS
 from circnav_mav.extras.locate.place import Place, Plane
 
 FACTORS = {**{unit: METERS[unit] for unit in UNITS}, **{f"{factor:g}": factor for factor in (0.5, 2.0, 10.0, 100.0)}}
-"""Units that are tried, and factors of a radio in another mode than its driver expects: there and back, cm for mm."""
+"""Units to try, and factors of a radio whose mode differs from the driver's: round trip, cm instead of mm."""
 TRIED = 120
-"""Ranges that are tried in each unit."""
+"""Number of ranges used for each unit."""
 FITS = 0.005
-"""Noise over range up to which the unit is not questioned: the wrong one leaves more, but on a perfect circle."""
+"""Noise over range up to which meters are accepted. A wrong unit leaves more noise, except on a perfect circle."""
 BETTER = 0.5
-"""Noise in the better unit, as a share of the noise in meters, from which it is reported."""
+"""Largest noise in another unit, as a share of the noise in meters, for which that unit is reported."""
 ALIKE = 1.25
-"""Noise over the least noise up to which two units fit equally well."""
+"""Ratio to the smallest noise up to which units fit equally well."""
 SLACK = 10.0
-"""What ranges and positions may contradict each other by, m."""
+"""Allowed contradiction between ranges and positions, m."""
 
 
 @dataclass(frozen=True, slots=True)
 class BetterUnit:
-    """A unit in which the ranges fit better. gain: how many times less noise, None if they fit no place in meters."""
+    """Unit in which the ranges fit better. gain: ratio of the noise in meters to the noise in this unit, None if the
+    ranges fit no place in meters."""
 
     unit: str
     place: Place
@@ -37,14 +38,14 @@ class BetterUnit:
 
 
 def is_plausible(place: Place, known: Knowledge) -> bool:
-    """True if the height of a place is one that was expected."""
+    """True if the height of a place agrees with the prior."""
     return abs(place.up - known.up) <= 3 * known.up_sigma
 
 
 def better_unit(
     plane: Plane, track: Track, ranges: Ranges, known: Knowledge, place: Place | None
 ) -> BetterUnit | None:  # fmt: skip
-    """Return the unit in which the ranges fit by far better than in meters, None if there is none."""
+    """Return the unit in which the ranges fit much better than in meters, or None."""
     if len(ranges.r) == 0 or len(track.time) < 2:
         return None
     doubtful = place is None or place.noise > FITS * place.range_scale or place.outliers > 0.25 * place.used
@@ -59,8 +60,8 @@ def better_unit(
     candidates = {unit: one.noise / FACTORS[unit] for unit, one in rough.items() if is_plausible(one, known)}
     if not candidates:
         return None
-    # On a circle round the target the range is constant. Several units fit then, each with another height of the
-    # target. The unit with the likeliest height is reported.
+    # On a circle around the target the range is constant. Several units then fit, each with a different target height.
+    # Report the unit with the most likely height.
     least = min(candidates.values())
     alike = [unit for unit, noise in candidates.items() if noise <= ALIKE * least]
     unit = min(alike, key=lambda unit: abs(rough[unit].up - known.up))
@@ -73,12 +74,12 @@ def better_unit(
 def _tried(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, factor: float) -> Place | None:
     """Return the place for one unit, or None."""
     r = ranges.r * factor
-    # No place is at these distances if the whole track is larger than twice the largest range, or if the range changes
-    # by more than the track is long.
+    # No place fits if the track is larger than twice the largest range, or if the range changes by more than the extent
+    # of the track.
     extent = float(np.hypot(np.ptp(track.east), np.ptp(track.north)))
     if 2 * r.max() < extent / 2**0.5 - SLACK or np.ptp(np.percentile(r, [5, 95])) > extent + SLACK:
         return None
     sigma = np.full(len(r), max(0.01 * float(np.median(r)), 0.01))
-    # The scale of the radio stays fixed: a free one would fit the wrong unit.
+    # Keep the scale of the radio fixed: a free scale would fit the wrong unit.
     found = _locate(plane, track, Ranges(ranges.time, r, sigma), replace(known, sigma_known=False), None)
     return found if isinstance(found, Place) and not found.moves else None

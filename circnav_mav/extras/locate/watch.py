@@ -1,8 +1,12 @@
-"""Whether the GPS, the ranges and the compass still tell of one flight; and which of them is the odd one out.
+"""Consistency check of GPS, ranges and compass. It names the most likely faulty source and never steers.
 
-Three comparisons: the range against the distance from the reported position to the surveyed place; the way that the
-reported positions make against the way through the air and the wind learnt before; the bearing of the target by
-position against that by ranges and compass. What fails together names the culprit. It never steers.
+Three comparisons:
+
+- measured range with the distance from the reported position to the estimated place
+- ground velocity by reported positions with airspeed, heading and the wind estimated before
+- bearing of the target by position with the bearing by ranges and compass
+
+The combination of failing comparisons identifies the source.
 """
 
 from collections import deque
@@ -11,24 +15,23 @@ from enum import Enum
 from math import atan2, degrees
 
 SPAN = 3.0
-"""Time, s, over which ways are compared: longer than the jitter of the streams, much shorter than a lap."""
+"""Time span, s, of the velocity comparison: longer than the jitter of the streams, much shorter than a lap."""
 FACTOR = 5.0
-"""Difference, in standard deviations, from which on two sources disagree: the gate of the estimators."""
+"""Difference, in standard deviations, from which two sources disagree: the gate of the estimators."""
 RANGE_FLOOR, SPEED_FLOOR, BEARING_FLOOR = 6.0, 4.0, 0.2
-"""Differences, m, m/s and rad, that are no alarm however small the standard deviations are: GPS multipath, gusts, and a
-compass in a turn."""
+"""Smallest differences, m, m/s and rad, that can raise an alarm: GPS multipath, gusts, and compass error in a turn."""
 PATIENCE = 2.0
-"""Time, s, that a comparison must fail for."""
+"""Time, s, for which a comparison must fail before an alarm."""
 WIND_MEMORY = 20.0
-"""Time constant, s, of the wind and its gusts, and the time before they count; chosen, shorter than a lap."""
+"""Time constant of wind and gusts, s, and time before they are used; chosen, shorter than a lap."""
 RECENT = 30.0
-"""Time, s, for which a way that did not fit tells against the GPS."""
+"""Time, s, after a failed velocity comparison for which a range error is attributed to the GPS."""
 CALM = 10.0
-"""Time, s, without a difference after which the alarm ends."""
+"""Time, s, without a disagreement after which the alarm ends."""
 
 
 class Culprit(Enum):
-    """What is likeliest wrong."""
+    """Most likely faulty source."""
 
     GPS = "GPS"
     BEACON = "beacon"
@@ -37,9 +40,9 @@ class Culprit(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """One moment. east, north: position, m. air: velocity through the air, m/s, east + j north; None: not known.
-    range_off: measured less predicted range, m, with its standard deviation; bearing_off: bearing of the target by
-    compass less that by position, rad, with its own; None where there is nothing to compare."""
+    """Values compared at one time (s). east, north: position, m. air: velocity through the air, m/s, east + j north,
+    None if unknown. range_off: measured minus predicted range and its standard deviation, m. bearing_off: bearing of
+    the target by compass minus by position and its standard deviation, rad. Both are None if not available."""
 
     time: float
     east: float
@@ -50,31 +53,31 @@ class Look:
 
 
 class GpsWatch:
-    """Looks at every position."""
+    """Compares every reported position with the other sources."""
 
     def __init__(self) -> None:
         self.culprit: Culprit | None = None
-        """What is likeliest wrong now."""
+        """Most likely faulty source now."""
         self.alarm = ""
-        """A disagreement that lasts, for people; empty where there is none."""
+        """Human-readable description of a lasting disagreement, or empty."""
         self._looks: deque[Look] = deque()
         self._wind: complex | None = None
-        """m/s, east + j north."""
+        """Wind, m/s, east + j north."""
         self._gusts = 1.0
         self._learnt = 0.0
         self._failing: dict[str, float] = {}
         self._way_failed_at = float("-inf")
         self._calm_since: float | None = None
         self.told: list[tuple[float, str]] = []
-        """The alarms so far: when each began, and its first words."""
+        """Alarms so far: begin, s, and first text of each."""
 
     @property
     def trusts_positions(self) -> bool:
-        """Whether positions may go on to tell where the target is."""
+        """True if reported positions may be used for the target estimate."""
         return "range" not in self._failing and self.culprit is not Culprit.GPS
 
     def see(self, look: Look) -> None:
-        """Take one moment in."""
+        """Compare the values at one time and update the alarm."""
         self._looks.append(look)
         while self._looks[-1].time - self._looks[0].time > SPAN:
             self._looks.popleft()
@@ -87,11 +90,11 @@ class GpsWatch:
         self._judge(look)
 
     def forget_ranges(self) -> None:
-        """The place is surveyed anew."""
+        """Reset the range comparison: the place is estimated again."""
         self._failing.pop("range", None)
 
     def _compare_ways(self) -> None:
-        """The way by positions less the way through the air: the wind, and what does not fit it."""
+        """Compare ground velocity minus air velocity with the estimated wind, and update the wind."""
         first, last = self._looks[0], self._looks[-1]
         span = last.time - first.time
         air = [look.air for look in self._looks if look.air is not None]
@@ -105,7 +108,7 @@ class GpsWatch:
         settled = last.time - self._learnt > WIND_MEMORY
         if settled and off > max(FACTOR * self._gusts, SPEED_FLOOR):
             self._way_failed_at = last.time
-            return  # what does not fit teaches no wind
+            return  # do not update the wind with a mismatch
         dt = min(last.time - self._looks[-2].time, 1.0) if len(self._looks) > 1 else 0.0
         share = dt / WIND_MEMORY
         self._gusts += share * (off - self._gusts)
@@ -119,7 +122,7 @@ class GpsWatch:
                 self.culprit, self.alarm = None, ""
             return
         self._calm_since = None
-        # the jump itself is seen only once
+        # A jump of the position fails the velocity comparison only once. Attribute range errors to the GPS for a while.
         jumped = look.time - self._way_failed_at < RECENT or self.culprit is Culprit.GPS
         by_range = Culprit.GPS if jumped else Culprit.BEACON
         culprit = by_range if "range" in lasting else Culprit.COMPASS
@@ -133,6 +136,6 @@ class GpsWatch:
 
 
 def angle_between(first: tuple[float, float], second: tuple[float, float]) -> float:
-    """Angle from the second vector to the first, rad, counter-clockwise positive."""
+    """Return the angle from the second vector to the first, rad, counter-clockwise positive."""
     cross = second[0] * first[1] - second[1] * first[0]
     return atan2(cross, first[0] * second[0] + first[1] * second[1])

@@ -1,4 +1,4 @@
-"""`circnav ranging watch`: what a radio measures, by its driver alone."""
+"""`circnav ranging watch`: shows the ranges of a radio, without a vehicle."""
 
 from collections import deque
 from contextlib import closing
@@ -16,18 +16,17 @@ from circnav_mav.runtime.radio_link import RadioLink, open_radio
 from circnav_mav.runtime.runner import StopRequest, wait
 
 PERIOD, SPAN = 1.0, 10.0
-"""Time, s, between two lines, and which they are about."""
+"""Time between two lines, s, and time span that each line summarizes, s."""
 MOST_HEARD, MOST_BEACONS = 20_000, 32
-"""Ranges that are kept of a beacon, and beacons that are told apart: bounds of memory on a link that anybody may
-feed."""
+"""Largest numbers of ranges per beacon and of beacons. They bound the memory: the link is not authenticated."""
 FEW = 5
-"""Ranges from which on they tell of scatter and clock."""
+"""Smallest number of ranges for scatter and clock."""
 OUTLIER = 5.0
-"""Standard deviations from which on a range is an outlier: the mission's gate has the same default."""
+"""Residual, in standard deviations, from which a range is an outlier: the default of the mission's gate."""
 
 
 def watch_radio(endpoint: str, seconds: float | None) -> int:
-    """Print a line a second for each beacon until the time is over or a signal comes. Raises Refused."""
+    """Print a line per second for each beacon until the time is over or a signal arrives. Raises Refused."""
     with refusing(endpoint, LinkError):
         link = open_radio(endpoint)
     with closing(link):
@@ -38,7 +37,7 @@ def watch_radio(endpoint: str, seconds: float | None) -> int:
 
 
 def _listen(link: RadioLink, seconds: float) -> bool:
-    """True if any range was received."""
+    """Print the lines. Return True if any range was received."""
     beacons: dict[int, deque[RangeHeard]] = {}
     clock, stop = Clock(), StopRequest()
     due, now = PERIOD, 0.0
@@ -69,7 +68,7 @@ def _lines(beacons: dict[int, deque[RangeHeard]], now: float) -> list[str]:
 
 
 def _describe(beacon: int, ranges: list[RangeHeard], now: float) -> str:
-    """Rate, newest, scatter, outliers, longest gap and clock."""
+    """Return a line: rate, newest range, scatter, outliers, longest gap and clock."""
     silent = now - ranges[-1].arrival
     gap = max([silent, *(after.arrival - before.arrival for before, after in pairwise(ranges))])
     words = [f"beacon {beacon:<5}", f"{len(ranges) / min(now, SPAN):5.1f} Hz", f"{ranges[-1].r:8.2f} m"]
@@ -83,7 +82,7 @@ def _describe(beacon: int, ranges: list[RangeHeard], now: float) -> str:
 
 
 def _clock(ranges: list[RangeHeard]) -> str:
-    """Describe the speed of the radio's clock, and how evenly its ranges come by it."""
+    """Return the speed of the radio's clock and the jitter of the ranges, as text."""
     if all(one.stamp == one.arrival for one in ranges):
         return "no clock"
     span = quick_span([(one.arrival, one.stamp) for one in ranges])

@@ -1,4 +1,4 @@
-"""The command `circnav ranging`, described; `command` carries it out."""
+"""Options and help of `circnav ranging`. `command` implements it."""
 
 import click
 

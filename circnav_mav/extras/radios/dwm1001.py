@@ -1,7 +1,7 @@
 """Qorvo (Decawave) DWM1001 with its factory firmware: the lines of its shell commands `lec` and `les`.
 
-Source: DWM1001 Firmware API Guide, sections on shell mode. The shell has no checksum and no time; at high rates a line
-may lack a piece, so each anchor is read for itself.
+Source: DWM1001 Firmware API Guide, sections on shell mode. The shell has no checksum and no time. At high rates
+parts of a line may be missing, so each anchor is parsed separately.
 """
 
 import re
@@ -15,14 +15,14 @@ LEC = re.compile(r"AN\d+,([0-9A-F]{4}),-?\d+\.\d+,-?\d+\.\d+,-?\d+\.\d+,(\d+\.\d
 LES = re.compile(r"([0-9A-F]{4})\[[^\]]*\]=(\d+\.\d\d)(?= |$)")
 """1151[5.00,8.00,2.25]=6.48: id, position and range."""
 SHELL = re.compile(r"^(dwm>.*|POS,.*|le[cs]|DWM1001.*|Copyright.*|License.*|Compiled.*|Help.*)$")
-"""What the shell says beside ranges."""
+"""Lines of the shell without ranges."""
 PATIENCE = 2.0
-"""Time, s, for the radio to speak by itself, and between two things that we say."""
+"""Time, s, to wait for data from the radio, and between two commands to it."""
 WAKE, LIST = b"\r\r", b"lec\r"
 
 
 class Dwm1001(LineDriver):
-    """Ranges to all anchors in sight, each under its 16-bit id. A radio that is silent from the start is told `lec`."""
+    """Ranges to all anchors in sight, by 16-bit id. `lec` is sent to a radio that is silent at the start."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -31,16 +31,16 @@ class Dwm1001(LineDriver):
         self._next = float("-inf")
 
     def read_line(self, line: str) -> Sequence[RadioReading] | None:
-        """The ranges in a line of `lec` or `les`."""
+        """Return the ranges in a line of `lec` or `les`."""
         found = LEC.findall(line) if "DIST," in line else LES.findall(line)
-        # `lec` said twice turns its lines off again: never once it was seen to be on
+        # A second `lec` turns the output off again: never send it once the output is on.
         self._started |= bool(found) or line.endswith(("lec", "les"))
         if not found and not SHELL.match(line):
             return None
         return [RadioReading(float(metres), beacon=int(ident, 16)) for ident, metres in found]
 
     def ask(self, now: float) -> bytes:
-        """Enter twice opens the shell, then the command."""
+        """Return two Enter characters, which open the shell, and at the next call the command."""
         if self._started or now < self._next:
             return b""
         first, self._next = self._next == float("-inf"), now + PATIENCE

@@ -1,4 +1,4 @@
-"""What drivers of radios that speak in lines of text have in common."""
+"""Base class of drivers for radios that send lines of text."""
 
 import re
 from abc import abstractmethod
@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from circnav_mav.mav.ranging.driver import Driver, RadioReading
 
 LONGEST_LINE = 1024
-"""Bytes of a line, after which what comes in is no text of ours."""
+"""Longest line, bytes. Longer input is not text of this driver."""
 PAUSE = 1.0
-"""Silence, s, in the middle of a line that shows that its end was lost: an unplugged cable."""
+"""Pause within a line, s, after which its end counts as lost, for example by an unplugged cable."""
 _LINE_END = re.compile(rb"[\r\n]+")
 
 
 class LineDriver(Driver):
-    """A radio that speaks in lines of text. A driver of one reads one line."""
+    """Driver of a radio that sends lines of text. Subclasses implement `read_line`."""
 
     baud = 115200
     line_end = b"\n"
@@ -27,10 +27,10 @@ class LineDriver(Driver):
 
     @abstractmethod
     def read_line(self, line: str) -> Sequence[RadioReading] | None:
-        """The readings in a line, None for one that is not understood."""
+        """Return the readings in a line, None if the line is not valid."""
 
     def receive(self, data: bytes, now: float) -> list[RadioReading]:
-        # "3.4" may be the end of "123.4": what came before the first line end, or over a pause, is left out
+        # "3.4" may be the end of "123.4". Discard input before the first line end and after a pause within a line.
         if self._rest and now - self._heard_at > PAUSE:
             self._rest, self._whole = b"", False
         self._heard_at = now

@@ -1,6 +1,6 @@
-"""A range a line, as anybody can print it: JSON objects or comma-separated values, metres and seconds.
+"""One range per line: JSON objects or comma-separated values, in meters and seconds.
 
-{"range": 123.4, "id": 3, "sigma": 0.1, "time": 17.25}      only the range is needed
+{"range": 123.4, "id": 3, "sigma": 0.1, "time": 17.25}      only the range is required
 123.4            3,123.4            17.25,3,123.4            17.25,3,123.4,0.1
 """
 
@@ -18,14 +18,14 @@ COLUMNS = {
     3: ("time", "id", "range"),
     4: ("time", "id", "range", "sigma"),
 }
-"""What the values of a line without names are, by their number."""
+"""Columns of a line without names, by the number of values."""
 
 
 class Lines(LineDriver):
-    """One reading of each line."""
+    """Driver with one reading per line."""
 
     def read_line(self, line: str) -> Sequence[RadioReading] | None:
-        """The reading of a line; a header or any other text is none."""
+        """Return the reading of a line, None for a header or other text."""
         try:
             values = json.loads(line) if line.startswith("{") else _columns(line)
             beacon, sigma, time = int(str(values.get("id", 0)), 0), values.get("sigma"), values.get("time")

@@ -11,12 +11,13 @@ from circnav_mav.mav.ranging.driver import Driver, RadioReading
 HEADER = 0x55
 """First byte of every frame (Nooploop's protocol)."""
 SHORTEST = 4
-"""Bytes that hold header, kind and length of a frame."""
+"""Number of bytes with header, kind and length of a frame."""
 
 
 class _Layout(NamedTuple):
-    """fixed: bytes before the nodes, the last one their number. node: bytes of each. stamped: whether each node has the
-    network's time of its measurement, ms, at byte 7; else the frame has the radio's own time, ms, at byte 6."""
+    """fixed: bytes before the nodes; the last one is the number of nodes. node: bytes per node. stamped: True if each
+    node has the network time of its measurement, ms, at byte 7. Otherwise the frame has the radio's time, ms, at
+    byte 6."""
 
     fixed: int
     node: int
@@ -24,11 +25,11 @@ class _Layout(NamedTuple):
 
 
 LAYOUTS = {0x04: _Layout(119, 13, True), 0x05: _Layout(21, 7, False), 0x07: _Layout(21, 11, False)}
-"""By the second byte of the frame: node frame 2, node frame 3, AoA node frame 0."""
+"""Layout by the second byte of the frame: node frame 2, node frame 3, AoA node frame 0."""
 
 
 class LinkTrack(Driver):
-    """Ranges to all nodes in sight, each under the node's id."""
+    """Ranges to all nodes in sight, by node id."""
 
     baud = 921600
     line_end = b""
@@ -52,7 +53,7 @@ class LinkTrack(Driver):
 
 
 def _frame_size(buffer: bytes, at: int) -> int | None:
-    """Bytes of the frame that begins there, 0 where none does, None where more bytes must tell."""
+    """Return the size of the frame at an offset, bytes. 0: no frame begins there. None: more bytes are needed."""
     left = len(buffer) - at
     if buffer[at] != HEADER or (left > 1 and buffer[at + 1] not in LAYOUTS):
         return 0
@@ -65,7 +66,7 @@ def _frame_size(buffer: bytes, at: int) -> int | None:
 
 
 def _read(frame: bytes) -> list[RadioReading]:
-    """A node is role, id, range in mm (24 bits with sign), two signal strengths, and what its layout adds."""
+    """Return the readings of a frame. Node: role, id, range in mm (24 bits, signed), two signal strengths, more."""
     layout, readings = LAYOUTS[frame[1]], []
     for at in range(layout.fixed, len(frame) - 1, layout.node):
         (stamp,) = struct.unpack_from("<I", frame, at + 7 if layout.stamped else 6)

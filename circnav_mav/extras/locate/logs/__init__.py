@@ -1,1 +1,1 @@
-"""Readers of logs: one file per format; `table` picks the reader by the content of a file."""
+"""Log readers, one file per format. `table` selects the reader by the content of a file."""

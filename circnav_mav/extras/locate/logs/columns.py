@@ -1,4 +1,4 @@
-"""Text tables as people have them: delimiter, decimal comma, names, units and empty cells are recognized."""
+"""Text tables from any source. The delimiter, decimal comma, names, units and empty cells are detected."""
 
 import csv
 import re
@@ -26,7 +26,7 @@ NAMES = {
     "sigma": "sigma rangesigma accuracy rangeaccuracy rangestd std stddev",
     "tag": "tag tagid id beaconid beacon taglocalidentifier anchor anchorid nodeid deviceid",
 }
-"""Names of columns without case, spaces and punctuation, best first; some are Movebank's."""
+"""Column names in lower case without spaces and punctuation, preferred ones first. Some are from Movebank."""
 ANGLES = {"deg": 1.0, "degree": 1.0, "degrees": 1.0, "dege7": 1e-7, "1e7deg": 1e-7, "e7": 1e-7}
 SECONDS = {
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
@@ -41,31 +41,31 @@ GLUED = {"timeus": 1e-6, "timems": 1e-3}
 EMPTY = {"", "-", "--", "---", "na", "n/a", "#n/a", "nan", "null", "none", "nil", "?", "inf", "-inf", "+inf", "*"}
 DELIMITERS = (",", ";", "\t", "|", " ")
 HEADER_WITHIN = 40
-"""Number of lines searched for the header: some tables begin with comments."""
+"""Number of lines searched for the header: some files begin with comments."""
 ONE_TAG = "target"
 LEAST_SIGMA = 1e-3
-"""Smallest standard deviation accepted, m: tables have zero where it is not known."""
+"""Smallest standard deviation accepted, m: tables contain zero for an unknown one."""
 LATEST = 1e13
 """Latest time accepted, s."""
 UNIX = 1e8
-"""A number of seconds from here on counts from 1970: 1973."""
+"""Smallest time, s, that counts as seconds since 1970 (it is in 1973)."""
 EPOCHS = ((1e17, 1e-9, "nanoseconds"), (1e14, 1e-6, "microseconds"), (1e11, 1e-3, "milliseconds"))
-"""From here on a time without a unit is no number of seconds: seconds would be after the year 5000."""
+"""Smallest values, factor and name of units for times without a unit. As seconds they would be after the year 5000."""
 TOO_SLOW, ENOUGH = 8.0, 10
-"""Median time between rows, s, from which no place can be found, and the number of rows needed to measure it."""
+"""Median time between rows, s, from which the unit is not seconds, and smallest number of rows to measure it."""
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 IN_BRACKETS = re.compile(r"(.*?)[\s_]*[\[({]\s*([^\])}]*?)\s*[\])}]\s*")
 BEHIND = re.compile(r"(.*?)[\s_,:/.-]+([a-zµμ0-9]+)")
 MAX_FILE = 1_000_000_000
-"""Most bytes of a table: it is read as a whole."""
+"""Largest file size, bytes: a table is read as a whole."""
 MAX_TAG = 100
-"""Most characters of a tag."""
+"""Largest length of a tag, characters."""
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column that is used. factor: what turns its numbers into s, degrees or m, None if no unit is given."""
+    """Column in use. factor: from its numbers to s, degrees or m, None if the header names no unit."""
 
     index: int
     header: str
@@ -74,7 +74,7 @@ class Column:
 
 @dataclass(slots=True)
 class Table:
-    """Header and rows of a text table, with the number of each row's line."""
+    """Header and rows of a text table. rows: line number and cells of each."""
 
     header: list[str]
     rows: list[tuple[int, list[str]]]
@@ -119,7 +119,7 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
 
 
 def _text(path: Path) -> str:
-    """Return the text of a file. Spreadsheets write UTF-16, older programs one byte a letter."""
+    """Return the text of a file: UTF-8, UTF-16 (spreadsheets) or cp1252 (older programs). Raises RunError."""
     data = read_bytes(path, MAX_FILE)
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         return data.decode("utf-16", "replace")
@@ -164,7 +164,7 @@ def _table(text: str, options: ReadOptions) -> Table:
 
 
 def _columns(header: Sequence[str], options: ReadOptions) -> tuple[dict[str, Column], list[Column]]:
-    """Return the columns by our names, and those with ranges."""
+    """Return the columns by their keys in NAMES, and the range columns."""
     found: dict[str, list[tuple[int, Column]]] = {}
     for index, given in enumerate(header):
         for name, aliases in NAMES.items():
@@ -211,7 +211,7 @@ def _compact(text: str) -> str:
 
 
 def _missing(table: Table, options: ReadOptions) -> list[str]:
-    """Return the names of the columns that are needed and not there."""
+    """Return the names of the required columns that are missing."""
     needed = ["time"] + ["latitude", "longitude"] * options.positions
     missing = [name for name in needed if name not in table.columns]
     if options.ranges and not table.ranges:
@@ -220,7 +220,7 @@ def _missing(table: Table, options: ReadOptions) -> list[str]:
 
 
 def _find_decimal_comma(table: Table, delimiter: str) -> None:
-    """Decide whether a comma in a number is a decimal comma. Raises RunError if it may be both."""
+    """Detect decimal commas. Raises RunError if numbers with a comma and with a point are mixed."""
     used = [column.index for name, column in table.columns.items() if name not in ("tag", "date")]
     used += [column.index for column in table.ranges]
     cells = [row[index].strip() for _, row in table.rows for index in used if index < len(row)]
@@ -236,20 +236,20 @@ def _find_decimal_comma(table: Table, delimiter: str) -> None:
 
 @dataclass(slots=True)
 class _Cells:
-    """One row."""
+    """Cells of a row."""
 
     row: list[str]
     line: int
     table: Table
 
     def text(self, name: str) -> str:
-        """Return a cell, empty if there is none or it is marked as empty."""
+        """Return the text of a cell, empty if it is missing or marked as empty."""
         column = self.table.columns.get(name)
         cell = self.row[column.index].strip() if column and column.index < len(self.row) else ""
         return "" if cell.lower() in EMPTY else cell
 
     def number(self, name: str, column: Column | None = None) -> float:
-        """Return a number, NaN if the cell is empty. Raises RunError."""
+        """Return the number in a cell, NaN if it is empty. Raises RunError."""
         column = column or self.table.columns.get(name)
         cell = self.row[column.index].strip() if column and column.index < len(self.row) else ""
         if cell.lower() in EMPTY:
@@ -269,12 +269,12 @@ class _Cells:
 
 
 def _angle_factor(table: Table, name: str, log: RangeLog) -> float:
-    """Return what turns a latitude or longitude into degrees."""
+    """Return the factor from a column of latitudes or longitudes to degrees."""
     column = table.columns.get(name)
     if column is None or column.factor is not None:
         return column.factor or 1.0 if column else 1.0
     values = [value for line, row in table.rows if isfinite(value := _Cells(row, line, table).number(name))]
-    # MAVLink and many receivers count in degrees times ten million. As degrees, such whole numbers are no place.
+    # MAVLink and many receivers use degrees times 1e7. Such integers are out of range as degrees.
     if values and all(value.is_integer() and (abs(value) > 1000 or value == 0) for value in values) and any(values):
         log.note(f"column {column.header!r} is read as degrees times ten million")
         return 1e-7
@@ -315,8 +315,8 @@ def _times(table: Table, options: ReadOptions, log: RangeLog) -> list[float]:
 
 
 def _small_unit(numbers: Sequence[float], column: Column, log: RangeLog) -> float:
-    """Return 1 for times in seconds, less for whole numbers so far apart that no flight is told by them."""
-    # Autopilots log milliseconds or microseconds since boot, and their converters write them without a unit.
+    """Return 1 for times in seconds, or the factor of a smaller unit for integers too far apart for a flight."""
+    # Autopilots log milliseconds or microseconds since boot, and log converters omit the unit.
     steps = sorted(after - before for before, after in pairwise(sorted(set(numbers))))
     if len(steps) < ENOUGH or not all(number.is_integer() for number in numbers):
         return 1.0
@@ -329,7 +329,7 @@ def _small_unit(numbers: Sequence[float], column: Column, log: RangeLog) -> floa
 
 
 def _moment(cell: str, line: int, options: ReadOptions, log: RangeLog) -> float:
-    """Return the seconds since 1970 of a date and time of ISO 8601. Raises RunError."""
+    """Return the seconds since 1970 of an ISO 8601 date and time. Raises RunError."""
     try:
         # "2026-07-01 12:00:00 UTC", "2026/07/01 12:00"
         text = re.sub(r"\s*(UTC|GMT)$", "Z", cell)

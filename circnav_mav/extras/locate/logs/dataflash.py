@@ -17,23 +17,23 @@ from circnav_mav.runlog.run_folder import RunError
 
 BINARY, TEXT = b"\xa3\x95\x80", b"FMT, 128, "
 GOOD = 4
-"""RangeFinder::Status: the other states carry no distance."""
+"""Value of RangeFinder::Status with a valid distance."""
 EKF_ORIGIN = 0
 """ORGN.Type of the estimator's origin (ArduPilot's LogOriginType)."""
 BEACONS = ("D0", "D1", "D2", "D3")
 GPS_EPOCH, LEAP_SECONDS = 315_964_800, 18
-"""GPS time zero in seconds since 1970, and the leap seconds since 2017."""
+"""GPS epoch in seconds since 1970, and leap seconds since 2017."""
 WEEK = 604_800
 """Seconds of a GPS week."""
 NO_READINGS = ("FMT", "FMTU", "UNIT", "MULT", "PARM", "MSG")
-"""Messages that describe the log or the autopilot; PARM has names and values, of which none is measured."""
+"""Messages that describe the log or the autopilot. PARM has names and values that are not measured."""
 LIKE_RANGES = ("dist", "range", "rng", "slant")
-"""Beginnings of field names that may hold a range: offered if a log has no range of a known message."""
+"""Prefixes of field names that may hold a range. They are suggested if no known message has a range."""
 Message = Any
 
 
 def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
-    # DFReader prints what it does not like, to both outputs, and raises exceptions of any kind on damaged files.
+    # DFReader prints warnings to stdout and stderr, and raises exceptions of any kind on damaged files.
     try:
         with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
             with path.open("rb") as file:
@@ -86,7 +86,7 @@ def _collect(reader: DFReader, options: ReadOptions) -> RangeLog:
                     _add(log, options.range_name, time, value, options)
         if kind == named and field in fields[kind]:
             _add(log, options.range_name, time, getattr(message, field), options)
-    # The filter's position is what telemetry reports. The receiver's own is the last resort.
+    # Prefer the filter's position, as telemetry does. The GPS receiver's position comes last.
     log.positions = next((track for rows in tracks.values() if len(track := with_fix(rows)) > 1), [])
     if options.ranges and not log.ranges:
         _refuse_other_names(names, fields, options)
@@ -105,7 +105,7 @@ def _refuse_other_names(names: set[str], fields: dict[str, list[str]], options: 
 
 
 def _messages(reader: DFReader, wanted: set[str]) -> Iterator[tuple[float, Message]]:
-    """Yield the messages with their times, s since boot."""
+    """Yield (time since boot in s, message) pairs."""
     while (message := reader.recv_match(type=wanted & {format.name for format in reader.formats.values()})) is not None:
         if hasattr(message, "TimeUS"):
             yield message.TimeUS / 1e6, message
@@ -114,12 +114,12 @@ def _messages(reader: DFReader, wanted: set[str]) -> Iterator[tuple[float, Messa
 
 
 def _rangefinders(message: Message) -> Iterator[tuple[str, float]]:
-    """Yield the names and distances of a RFND message; one that looks down measures the height."""
+    """Yield names and distances of a RFND message. Downward rangefinders are skipped: they measure the height."""
     if hasattr(message, "Dist"):
         if message.Orient != DOWNWARD and getattr(message, "Stat", GOOD) == GOOD:
             yield f"rangefinder {message.Instance}", message.Dist
         return
-    for number in (1, 2):  # logs of before 2019
+    for number in (1, 2):  # logs before 2019
         distance = getattr(message, f"Dist{number}", 0.0)
         if distance and getattr(message, f"Orient{number}", DOWNWARD) != DOWNWARD:
             yield f"rangefinder {number - 1}", distance

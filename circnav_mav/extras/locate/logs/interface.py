@@ -1,4 +1,4 @@
-"""Interface of the readers: options in, logs out."""
+"""Interface of the log readers."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -22,25 +22,25 @@ METERS = {
     **dict.fromkeys(("mi", "mile", "miles"), 1609.344),
     **dict.fromkeys(("nmi", "nm", "nauticalmiles"), 1852.0),
 }
-"""Meters in each unit of length, by the names used in headers and by --units. "nm" is the nautical mile: radios do not
-measure nanometers."""
+"""Meters per unit of length, by the names in headers and --units. "nm" is the nautical mile: radios do not measure
+nanometers."""
 UNITS = ("m", "cm", "mm", "dm", "km", "ft", "yd", "mi", "nmi")
-"""Short names, as --units offers them."""
+"""Short names, as listed by --units."""
 FAR = 1e9
 """Largest range or altitude accepted, m."""
 MOST_NAMES = 20
-"""Names that a message lists."""
+"""Largest number of names listed in a message."""
 FIX_3D = 3
 """Smallest fix type with a three-dimensional position, in MAVLink, ArduPilot and PX4 alike."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """Facts about a log that the user gives.
+    """Options of the user for reading a log.
 
     range_name: name of the NAMED_VALUE messages that carry the range. unit: meters in the unit of the ranges, None for
     the unit named in the log. range_columns: columns of a CSV with ranges. zone: time zone of times without one.
-    vehicle: the only vehicle to read (system id), None for all. positions, ranges: True if needed from the file.
+    vehicle: system id of the only vehicle to read, None for all. positions, ranges: True if the file must have them.
     """
 
     range_name: str = RangingSettings().name
@@ -58,10 +58,9 @@ class ReadOptions:
 
 
 class Format(NamedTuple):
-    """A format that can be read.
+    """Readable log format.
 
-    matches: True if the first bytes of a file are of this format. ranges, positions: what a range and a position are
-    called there.
+    matches: True if the first bytes of a file are of this format. ranges, positions: names of their messages or fields.
     """
 
     name: str
@@ -72,19 +71,19 @@ class Format(NamedTuple):
 
 
 def sentences(text: str) -> Iterator[tuple[int, str]]:
-    """Yield the lines that are not empty, with their numbers."""
+    """Yield the nonempty lines with their numbers."""
     return ((number, line.strip()) for number, line in enumerate(text.splitlines(), 1) if line.strip())
 
 
 def listed(names: Iterable[str]) -> str:
-    """Return names for a message, of many the first ones."""
+    """Return names as text for a message, at most MOST_NAMES of them."""
     several = sorted(map(printable, names))
     more = f" and {len(several) - MOST_NAMES} more" if len(several) > MOST_NAMES else ""
     return ", ".join(several[:MOST_NAMES]) + more
 
 
 def meters_in(unit: str) -> float | None:
-    """Return the meters in a unit of length, by its name or as a number; None if it is neither."""
+    """Return the meters in a unit of length, given by name or number. None if it is neither."""
     if unit in METERS:
         return METERS[unit]
     try:
@@ -95,14 +94,14 @@ def meters_in(unit: str) -> float | None:
 
 
 def with_fix(rows: Sequence[tuple[Position, bool | None]]) -> list[Position]:
-    """Return the positions with a fix. Each comes with the state of the receiver: None before its first report."""
-    # Autopilots send positions before the GPS has a fix: near 0,0, or where they were switched off. If the receiver's
-    # state is in the log, only positions under a fix count. A log without it is taken as it is.
+    """Return the positions with a fix. rows: position; True if the receiver has a fix, None before its first report."""
+    # Autopilots send positions before the GPS has a fix: near 0,0, or the place where they were switched off. If the
+    # log has the receiver's state, keep only positions with a fix. Otherwise keep all.
     if all(fixed is None for _, fixed in rows):
         return [position for position, _ in rows]
     return [position for position, fixed in rows if fixed]
 
 
 def utc_seconds(moment: datetime, zone: timezone | ZoneInfo | None) -> float:
-    """Return the seconds since 1970 of a moment; one without a time zone is of `zone`, or of UTC."""
+    """Return the seconds since 1970. A moment without a time zone is in `zone`, or in UTC if zone is None."""
     return (moment if moment.tzinfo else moment.replace(tzinfo=zone or UTC)).timestamp()

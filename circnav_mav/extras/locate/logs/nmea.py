@@ -14,7 +14,7 @@ DAY = 86_400.0
 
 
 def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
-    """GGA has the height and no date, RMC has the date and no height: days are counted, and dated by the first RMC."""
+    """Read a file. GGA has the height, RMC has the date: days are counted and dated by the first RMC."""
     log, damaged = RangeLog(), 0
     rows: dict[float, Position] = {}
     midnight: float | None = None
@@ -55,7 +55,7 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
 
 
 def _cells(sentence: str) -> list[str] | None:
-    """Return the fields of a sentence, None if its checksum is wrong. A sentence without one is taken."""
+    """Return the fields of a sentence, None if its checksum is wrong. A sentence without a checksum is accepted."""
     body, star, check = sentence[1:].partition("*")
     if star and check.strip()[:2].upper() != f"{reduce(xor, body.encode('ascii', 'replace'), 0):02X}":
         return None
@@ -63,7 +63,7 @@ def _cells(sentence: str) -> list[str] | None:
 
 
 def _degrees(cell: str, side: str) -> float:
-    """Return the degrees of ddmm.mmm or dddmm.mmm and a letter. Raises ValueError."""
+    """Return degrees from ddmm.mmm or dddmm.mmm and a hemisphere letter. Raises ValueError."""
     point = cell.index(".") if "." in cell else len(cell)
     whole = float(cell[: point - 2]) + float(cell[point - 2 :]) / 60
     return -whole if side in ("S", "W") else whole

@@ -9,7 +9,7 @@ from circnav_mav.extras.locate.range_log import RangeLog
 from circnav_mav.runlog.run_folder import RunError
 
 GPS_ZERO, LEAP = datetime(1980, 1, 6, tzinfo=UTC), timedelta(seconds=18)
-"""GPS time zero, and the leap seconds by which it is ahead of UTC since 2017."""
+"""GPS epoch, and leap seconds by which GPS time is ahead of UTC since 2017."""
 AHEAD = {"GPST": LEAP, "UTC": timedelta(0), "JST": timedelta(hours=9)}
 LATITUDE = "latitude(deg)"
 ANGLES = "prints its coordinates in another form: run RTKLIB with latitude, longitude and height in degrees"

@@ -1,4 +1,4 @@
-"""Finds values that are no measurements: positions before the fix, last values that a receiver or radio repeats."""
+"""Removes values that are not measurements: positions before the fix, and repeated values of a receiver or radio."""
 
 from collections.abc import Sequence
 from itertools import groupby
@@ -9,21 +9,21 @@ from circnav_mav.extras.locate.place import Plane
 from circnav_mav.extras.locate.range_log import Position, Range, RangeLog
 
 NEAR_ZERO = 0.01
-"""Latitude and longitude, degrees, within which both are those of a receiver without a fix: 1.1 km of open sea."""
+"""Largest latitude and longitude, degrees, of a receiver without a fix: 1.1 km around 0 N 0 E, in the sea."""
 FROZEN_FOR, FROZEN_COUNT = 3.0, 6
-"""Time, s, and number of equal values from which they are a stretch that stands still."""
+"""Duration, s, and smallest number of equal values in a frozen stretch."""
 FROZEN_OVER = 4.0
-"""Such a stretch is this much longer than the usual run of equal values."""
+"""Smallest length of a frozen stretch, relative to the usual run of equal values."""
 COARSE = 3.0
-"""Usual step between different ranges, in units of the smallest one, up to which equal values are coarse resolution."""
+"""Median step between different ranges, in units of the smallest step, up to which the resolution is coarse."""
 RESENT = 0.5
-"""Share of equal neighbors from which values are sent more often than they are measured."""
+"""Share of repeated values from which ranges are sent more often than measured."""
 JUMP = 5.0
-"""Way, m, that a position makes at once after it stood still, from which it had stood still wrongly."""
+"""Smallest jump of the position, m, after a frozen stretch that shows that the vehicle had moved."""
 
 
 def screen(log: RangeLog) -> None:
-    """Leave out values that are no measurements, and note them."""
+    """Remove values that are not measurements, and add notes."""
     kept = [row for row in log.positions if max(abs(row[1]), abs(row[2])) > NEAR_ZERO]
     if len(kept) < len(log.positions):
         log.note(f"{len(log.positions) - len(kept)} positions near 0 N 0 E, before a fix, are left out")
@@ -32,7 +32,7 @@ def screen(log: RangeLog) -> None:
 
 
 def _moving(log: RangeLog, positions: Sequence[Position]) -> list[Position]:
-    """Leave out positions that a receiver repeated while the vehicle flew on."""
+    """Remove positions that a receiver repeated while the vehicle moved."""
     if len(positions) < 2:
         return list(positions)
     plane, kept = Plane(*positions[0][1:3]), list[Position]()
@@ -56,12 +56,12 @@ def _moving(log: RangeLog, positions: Sequence[Position]) -> list[Position]:
 
 
 def _measured(log: RangeLog, tag: str, rows: Sequence[Range]) -> list[Range]:
-    """Leave out ranges that a radio or driver repeated."""
+    """Remove ranges that a radio or driver repeated."""
     rows = sorted(rows)
     runs = [list(run) for _, run in groupby(rows, key=lambda row: row[1])]
     steps = np.abs(np.diff([run[0][1] for run in runs]))
-    # Coarse ranges, such as whole meters, stay equal for a while and then change by one unit of resolution. They are
-    # measurements. A repeated range is followed by one that has changed by many units.
+    # Coarse ranges, such as whole meters, stay equal for a while and then change by one unit of resolution: they are
+    # measurements. After a repeated range, the next one differs by many units.
     if len(steps) < 3 or np.median(steps) <= COARSE * steps.min():
         return rows
     usual = float(np.median([len(run) for run in runs]))

@@ -1,4 +1,4 @@
-"""Reads a log of any known format. A format that cannot be read is named, with a way to convert it."""
+"""Reads a log of any known format. For other formats, the error names the format and a way to convert it."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,7 +17,7 @@ from circnav_mav.foreign import open_file
 from circnav_mav.runlog.run_folder import RunError
 
 FORMATS = (ULOG, DATAFLASH, GPX, RTKLIB, NMEA, TLOG)
-"""Formats with a mark of their own. Other text is a table; other binary files are tried as a damaged tlog."""
+"""Formats with an identifying header. Other text is read as a table, other binary files as a damaged tlog."""
 AS_CSV = "save it as CSV with the columns time, latitude, longitude, range"
 TO_GPX = "convert it: gpsbabel -t -i {} -f FILE -o gpx,gpxver=1.1 -F track.gpx"
 MARKS: Mapping[bytes, tuple[str, str]] = {
@@ -52,9 +52,9 @@ SUFFIXES: Mapping[str, tuple[str, str]] = {
     ".pcap": ("a network capture", "extract the MAVLink stream, and record it as a tlog"),
     ".pcapng": ("a network capture", "extract the MAVLink stream, and record it as a tlog"),
 }
-"""Formats that cannot be read and have no first bytes of their own."""
+"""Formats that cannot be read, by the suffix of the file."""
 HEAD = 4096
-"""Bytes by which a format is recognized."""
+"""Number of bytes used to recognize a format."""
 
 
 def read_logs(path: Path, options: ReadOptions | None = None) -> list[RangeLog]:
@@ -100,7 +100,7 @@ def recognize(file: Path, head: bytes) -> Format:
 
 
 def _demand(logs: Sequence[RangeLog], known: Format, options: ReadOptions) -> None:
-    """Raise EmptyLogError if positions or ranges are needed and missing."""
+    """Raise EmptyLogError if required positions or ranges are missing."""
     if options.ranges and not any(log.ranges for log in logs):
         raise EmptyLogError(f"no ranges in it; in {known.name} they are {known.ranges}")
     if options.positions and not any(len(log.positions) > 1 for log in logs):
@@ -108,7 +108,7 @@ def _demand(logs: Sequence[RangeLog], known: Format, options: ReadOptions) -> No
 
 
 def _left_out(logs: Sequence[RangeLog]) -> str:
-    """Return what was left out, behind a semicolon."""
+    """Return the notes of the logs, each after a semicolon."""
     return "".join(f"; {note}" for log in logs for note in log.notes)
 
 
@@ -140,7 +140,7 @@ def with_positions(logs: Sequence[RangeLog], carriers: Sequence[RangeLog], sourc
 
 
 def _compare_spans(log: RangeLog, ranges: Mapping[str, Sequence[Range]], positions: Sequence[Position]) -> None:
-    """Note it if ranges and positions do not overlap in time."""
+    """Add a note if ranges and positions do not overlap in time."""
     times = [time for rows in ranges.values() for time, *_ in rows]
     begin, end = min(row[0] for row in positions), max(row[0] for row in positions)
     if times and (max(times) < begin or min(times) > end):

@@ -16,7 +16,7 @@ from circnav_mav.runlog.run_folder import RunError
 from circnav_mav.runlog.tlog import read_messages
 
 OURS = "CN_TEAST"
-"""A NAMED_VALUE_FLOAT of our own survey, whose RANGING_BEACON repeats a range that the log holds already."""
+"""NAMED_VALUE_FLOAT that identifies the survey of circnav. Its RANGING_BEACON repeats ranges that are in the log."""
 NOT_VEHICLES = {
     dialect.MAV_TYPE_ANTENNA_TRACKER, dialect.MAV_TYPE_GCS, dialect.MAV_TYPE_ONBOARD_CONTROLLER,
     dialect.MAV_TYPE_GIMBAL, dialect.MAV_TYPE_ADSB, dialect.MAV_TYPE_CAMERA, dialect.MAV_TYPE_CHARGING_STATION,
@@ -24,7 +24,7 @@ NOT_VEHICLES = {
     dialect.MAV_TYPE_PARACHUTE, dialect.MAV_TYPE_LOG, dialect.MAV_TYPE_OSD, dialect.MAV_TYPE_IMU,
     dialect.MAV_TYPE_GPS, dialect.MAV_TYPE_WINCH,
 }  # fmt: skip
-"""Types of senders that may report a position but carry no radio of a flight."""
+"""Sender types that may report a position but do not carry the ranging radio."""
 NAMED = ("NAMED_VALUE_FLOAT", "NAMED_VALUE_INT")
 KINDS = {kind.id: kind for kind in RANGING_MESSAGES.values()}
 WANTED = {
@@ -67,7 +67,7 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
                 if tag is None or reading is None or not 0 < reading.slant <= FAR:
                     continue
                 one = reading.stamp, reading.slant
-                if newest.get(tag) != one:  # autopilots repeat a range
+                if newest.get(tag) != one:  # autopilots repeat the newest range
                     newest[tag] = one
                     slant, sigma = reading.slant * options.meters, (reading.sigma or nan) * options.meters
                     sender.ranges.setdefault(tag, []).append((time, slant, sigma))
@@ -93,7 +93,7 @@ def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[Range
     for (system, component), sender in senders.items():
         if OURS in sender.names or not sender.ranges or (system in tracks and system not in logs):
             continue
-        # A radio with a system id of its own belongs to the only vehicle. Of several, its carrier is unknown.
+        # A radio with its own system id belongs to the only vehicle. With several vehicles, the carrier is unknown.
         carrier = logs.get(system, only)
         if carrier is None:
             strangers.append(f"{system}/{component}")
@@ -117,18 +117,18 @@ def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[Range
 
 
 def _track(senders: dict[Ids, _Sender], system: int) -> list[Position]:
-    """Return the positions of a system, empty if it is no vehicle."""
+    """Return the positions of a system, empty if it is not a vehicle."""
     parts = {component: sender for (other, component), sender in senders.items() if other == system}
     reported = [sender.vehicle for sender in parts.values() if sender.vehicle is not None]
     if reported and not any(reported):
         return []  # an antenna tracker, a ground station
-    # Companions repeat the position of their autopilot; the autopilot's own is component 1, or the first one.
+    # Companions repeat the autopilot's position. Prefer component 1 (the autopilot), then the lowest id.
     ordered = sorted(parts, key=lambda component: (component != dialect.MAV_COMP_ID_AUTOPILOT1, component))
     return next((track for component in ordered if (track := with_fix(parts[component].positions))), [])
 
 
 def _name_values(senders: dict[Ids, _Sender], options: ReadOptions) -> None:
-    """Raise EmptyLogError with the names in the log, if it has NAMED_VALUE messages."""
+    """Raise EmptyLogError with the names of the NAMED_VALUE messages in the log, if there are any."""
     names = sorted(set[str]().union(*(sender.names for sender in senders.values() if OURS not in sender.names)))
     if names:
         raise EmptyLogError(
@@ -138,7 +138,7 @@ def _name_values(senders: dict[Ids, _Sender], options: ReadOptions) -> None:
 
 
 def _reading(message: Message) -> Reading | None:
-    """Return what a ranging message carries, None if it carries no range."""
+    """Return the reading of a ranging message, None if it has no range."""
     if message.get_type() == "NAMED_VALUE_INT":
         return Reading(float(message.value), None, boot_stamp(message))
     reading = KINDS[message.get_msgId()].read(message)
@@ -146,7 +146,7 @@ def _reading(message: Message) -> Reading | None:
 
 
 def _tag(message: Message, wanted: str) -> str | None:
-    """Return the name of the source of a range, None for a value of another name."""
+    """Return the name of a range's source, None for a value with another name."""
     sender = f"{message.get_srcSystem()}/{message.get_srcComponent()}"
     match message.get_type():
         case "DISTANCE_SENSOR":

@@ -47,14 +47,14 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
 
 
 def _time(data: dict[str, Array]) -> Array:
-    """Seconds since boot. A sensor's own stamp is better than the time of publishing, where it is filled in."""
+    """Return the seconds since boot: the sensor's timestamp if set, else the time of publication."""
     stamp = data["timestamp"]
     sample = data.get("timestamp_sample", stamp)
     return np.asarray(np.where(sample > 0, sample, stamp) / 1e6, float)
 
 
 def _positions(fused: dict[str, Array] | None, gps: dict[str, Array] | None) -> list[Position]:
-    """Return the filter's positions, else those of the receiver."""
+    """Return the positions of the filter, or of the GPS receiver if the filter has none."""
     if gps is not None:
         time, fix = _time(gps), gps["fix_type"] >= FIX_3D
     if fused is not None and len(fused["timestamp"]) > 1:
@@ -81,7 +81,7 @@ def _floats(row: tuple[Any, ...]) -> Position:
 
 
 def _epoch(gps: dict[str, Array] | None) -> float | None:
-    """Seconds from 1970 to the boot."""
+    """Return the time of boot, s since 1970, or None."""
     if gps is None or "time_utc_usec" not in gps:
         return None
     known = np.flatnonzero(gps["time_utc_usec"] > 0)
@@ -114,7 +114,7 @@ def _ranges(log: RangeLog, topic: Any, options: ReadOptions) -> None:
 
 
 def _keys(data: dict[str, Array]) -> list[str]:
-    """Return the keys of debug_key_value, which pyulog gives letter by letter."""
+    """Return the keys of debug_key_value, which pyulog stores as one column per letter."""
     columns = [data[f"key[{index}]"] for index in range(10) if f"key[{index}]" in data]
     letters = np.array(columns).T.astype(np.uint8)
     return [bytes(row).split(b"\0")[0].decode("ascii", "replace") for row in letters]
