@@ -193,7 +193,7 @@ class StampFilter:
 SPEED_WINDOW = 3.0
 """Time over which a clock speed is measured, s."""
 OFF, ALIKE = 0.2, 0.1
-"""Least deviation from our clock speed, and largest spread of windows that agree; fractions. A radio with a filling
+"""Least deviation from our clock speed, and largest spread of windows that agree, as a fraction. A radio with a filling
 buffer causes less deviation, or for a shorter time."""
 WINDOWS = 3
 """Consecutive windows that must agree; chosen."""

@@ -35,7 +35,7 @@ JUMP = 0.5
 """Backward step of the vehicle's clock, s, that counts as a clock reset. At most ATTITUDE_MAX_AGE: after a single stamp
 from the future, all later stamps look older than the newest."""
 MOST_ANGLE, MOST_RATE, MOST_AIRSPEED, MOST_ALTITUDE = 6.3, 50.0, 200.0, 1e5
-"""Largest plausible magnitudes of a measurement: rad, rad/s, m/s and m. Larger values are discarded."""
+"""Largest plausible magnitudes of a measurement, rad, rad/s, m/s and m. Larger values are discarded."""
 NO_ROTATION = 0.1
 """Largest deviation of a quaternion's norm from 1. A quaternion beyond it is discarded."""
 FLOWN_ALTITUDES = -500.0, 6_000.0
@@ -50,7 +50,7 @@ FEWEST, FEWEST_WITHIN = 4, 3.0
 REPEATED = 0.2
 """Within this time, s, an equal stamp is a repeated message. Later, the vehicle's clock has stopped."""
 ACCELERATIONS = {"HIGHRES_IMU": 1.0, "RAW_IMU": GRAVITY / 1000, "SCALED_IMU": GRAVITY / 1000}
-"""Factor from raw acceleration to m/s^2, by message type."""
+"""Unit of the raw acceleration, m/s^2, by message type."""
 LONGEST_STEP = 0.2
 """Longest gap between two accelerations, s, that is integrated over: 5 Hz. After a longer one the integral restarts."""
 OLDEST_ATTITUDE = 0.2

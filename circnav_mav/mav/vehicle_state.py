@@ -10,7 +10,7 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.statustext import TextReader
 
 AHEAD, AHEAD_SHARE = 5.0, 0.25
-"""Largest lead of the vehicle's clock over ours after a silence: s, and share of the silence. Links buffer, and
+"""Largest lead of the vehicle's clock over ours after a silence, s, plus a share of the silence. Links buffer, and
 simulators run fast."""
 OVERTAKEN = 64
 """Largest step back in the sequence number that counts as reordering: half a second or more of frames. After a larger
