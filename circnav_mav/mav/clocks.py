@@ -66,11 +66,11 @@ class StampFilter:
     JitterCorrection, because link delay is never negative. A constant delay cannot be distinguished from a clock
     difference and remains.
 
-    A remote clock that stops (a paused simulator, a controller that writes its log) raises all later lags at once by
-    the length of the pause. Lags of a draining queue fall from sample to sample. Congestion raises them gradually. A
-    link that becomes slower in one step looks like a pause: only the round trip (`slower`) distinguishes them, and the
-    offset follows the part that it does not explain. On an unmeasured link the step is attributed to the clock: pauses
-    are common, routes that become slower by a constant time are rare.
+    A pause of the remote clock (a paused simulator, a controller that writes its log) raises all later lags at once by
+    its length. Lags of a draining queue fall from sample to sample. Congestion raises them gradually. A link that
+    becomes slower in one step looks like a pause: only the round trip (`slower`) distinguishes them, and the offset
+    follows the part that it does not explain. On an unmeasured link the step is attributed to the clock: pauses are
+    common, routes that become slower by a constant time are rare.
     """
 
     def __init__(self, slower: Slower = nobody_tells, *, wrap: float | None = None, jump: float = JUMP) -> None:
@@ -112,8 +112,9 @@ class StampFilter:
     ) -> Order:
         """Compare an unwrapped stamp with the newest, and reset the filter if the result is RESTARTED.
 
-        most_ahead: largest lead over the clock, s. steady: largest difference between two stamps of a new clock and the
-        local time between them, s. patience: silence by the old clock, s, before a new clock is followed.
+        most_ahead: largest lead over the clock, s. steady: largest difference between the interval of
+        two stamps of a new clock and the local interval, s. patience: silence by the old clock, s, before a new clock
+        is followed.
         """
         if self.newest is None:
             return Order.NEWER
@@ -156,6 +157,7 @@ class StampFilter:
     def _watch(self, lag: float, arrival: float) -> None:
         """Collect the samples since the lag has risen in one step, as long as it stays high."""
         late, rise, self._lag = lag - self._offset, lag - self._lag, lag
+        # A sudden rise starts a new step. A falling lag is a draining queue, not a paused clock: start over with it.
         if late < STEP:
             self._raised.clear()
         elif rise >= max(STEP, RISE * late) or (self._raised and lag < self._raised[0][1] - FALL):

@@ -155,7 +155,7 @@ class CommandSender:
         if ack.result != dialect.MAV_RESULT_IN_PROGRESS and not known:
             if self._owed[ack.command] > 0:
                 self._owed[ack.command] -= 1
-            elif target == us:
+            elif target == us:  # another program uses our ids
                 self._unasked.append(now)
         pending = self._pending.get(ack.command)
         if pending is None:

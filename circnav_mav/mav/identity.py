@@ -149,7 +149,8 @@ class Identity:
     def greet(self, source: Hashable, now: float) -> None:
         """Reply to a sender that cannot be accepted yet, unless the vehicle has another address.
 
-        A MAVLink 1 sender may switch to MAVLink 2. A sender with a late signing clock (no GPS) adopts our timestamp.
+        A MAVLink 1 sender may switch to MAVLink 2. A sender whose signing clock is behind (no GPS) adopts
+        our timestamp.
         """
         if self._may_be_at(source, now):
             self.reply_to = source
@@ -180,8 +181,7 @@ class Identity:
             self._consider(message, who, now)
         if who == self.peer:
             return True
-        # A vehicle that moves sends a few other messages before its first heartbeat. These are not from a second
-        # sender.
+        # A vehicle that changes its address sends a few messages before its first heartbeat: no second sender.
         if home is not None and who.ids == home.ids and source != home.source and (is_heartbeat or not silent):
             self.rivals.heard(VEHICLE_NAME, who, home, now)
         if is_heartbeat and self.peer is not None and message.autopilot != dialect.MAV_AUTOPILOT_INVALID:

@@ -191,11 +191,13 @@ class OwnMotionSensor:
         clock = self._clock
         stamp = clock.unwrapped(stamp_ms / 1000)
         order = clock.order(stamp, now)
+        # A stopped clock repeats its stamp: the arrival time is then the best estimate.
         if order is Order.REPEATED:
             return now if now - clock.newest_at > REPEATED else None
         if order in (Order.OLDER, Order.JUMPED):
             return None
         measured = clock.local(stamp, now)
+        # Such a delay indicates a reset of the vehicle's clock. Restart the filter to keep the heading available.
         if now - measured > MOST_LATE:
             clock.reset()
             measured = clock.local(stamp, now)

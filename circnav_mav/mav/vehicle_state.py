@@ -143,7 +143,7 @@ class VehicleState:
 
     def _is_late_heartbeat(self, sequence: int, now: float) -> bool:
         """True if a heartbeat is reordered."""
-        # A router may number its heartbeats separately, or the other frames not at all. Then every heartbeat looks
+        # A sender may number its heartbeats separately, or the other frames not at all. Then every heartbeat looks
         # reordered. Accept one if the previous one looked reordered too and both arrive at heartbeat rate.
         before = self._late_heartbeat
         if not self._late:

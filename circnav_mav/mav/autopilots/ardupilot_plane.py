@@ -24,8 +24,8 @@ from circnav_mav.mav.setpoint_guard import Steer
 class ArduPlane(Autopilot):
     """GUIDED (15): roll only. The autopilot holds height and airspeed. Works without GPS.
 
-    SET_ATTITUDE_TARGET mask 0xC6: bit 0 (roll rate ignore) CLEAR selects "roll" on Plane, bits 1 and 2 ignore pitch
-    and yaw, bit 6 ignores throttle (TECS controls it), bit 7 (attitude ignore) is SET: cleared, it would command pitch
+    SET_ATTITUDE_TARGET mask 0xC6: bit 0 (roll rate ignore) CLEAR selects "roll" on Plane. Bits 1 and 2 ignore pitch
+    and yaw. Bit 6 ignores throttle (TECS controls it). Bit 7 (attitude ignore) is SET: cleared, it would command pitch
     and rudder as well. Body rates are never used. The roll of a coordinated turn is atan(w V/g). The airframe achieves
     0.70 to 1.0 of the turn, which the turn-rate gain compensates. Without setpoints for 3 s (fixed in 4.6) it loiters
     around the point where GUIDED was entered, and banks hard at once.

@@ -63,7 +63,7 @@ class Driver(Protocol):
 
 
 class DriverError(Exception):
-    """A driver that is missing or does not load; message of one line."""
+    """A driver that is missing or does not load. Its message is one line."""
 
 
 def split_driver(endpoint: str) -> tuple[str | None, str]:

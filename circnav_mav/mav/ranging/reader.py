@@ -139,7 +139,7 @@ class RangeReader:
             return reading
         if settings.calibration.is_set:
             reading = reading.calibrated(settings.calibration)
-        if reading.slant <= 0:  # near its beacon a radio reads meters too long, and once less than its bias
+        if reading.slant <= 0:  # near the beacon, a corrected bias of meters can give this
             return Reject.NO_RANGE
         if reading.slant > settings.max_range_m:
             return Reject.ABOVE_MAX
