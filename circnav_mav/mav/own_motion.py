@@ -116,7 +116,7 @@ class Attitude(NamedTuple):
 
 
 class OwnMotionSensor:
-    """Keep the newest own motion and discard stale values.
+    """Newest own motion of the vehicle, without stale values.
 
     The age of an attitude counts from its measurement, by the vehicle's own clock. On the link a message may be delayed
     or reordered, and a heading with a time error of 0.2 s distorts the reconstructed path.
@@ -191,7 +191,7 @@ class OwnMotionSensor:
         clock = self._clock
         stamp = clock.unwrapped(stamp_ms / 1000)
         order = clock.order(stamp, now)
-        # A stopped clock repeats its stamp: the arrival time is then the best estimate.
+        # A stopped clock repeats its stamp. After REPEATED, use the arrival time instead.
         if order is Order.REPEATED:
             return now if now - clock.newest_at > REPEATED else None
         if order in (Order.OLDER, Order.JUMPED):
@@ -248,7 +248,7 @@ def _angles(message: Message) -> tuple[float, float, float] | None:
 
 
 def _real(value: float, most: float, above: float = float("-inf")) -> float | None:
-    """Return a plausible value, or None. PX4's copter sends a NaN airspeed, ArduPilot 0 before take-off."""
+    """Return a value within the bounds, or None. PX4's copter sends a NaN airspeed, ArduPilot 0 before take-off."""
     return value if abs(value) <= most and value > above else None
 
 

@@ -33,7 +33,7 @@ class Parameter(NamedTuple):
 
 
 class ParameterServer:
-    """Answers parameter requests. Replies are queued and sent a few at a time."""
+    """Queue of answers to parameter requests, sent a few at a time."""
 
     def __init__(self, parameters: Sequence[Parameter]) -> None:
         self._parameters = tuple(parameters)

@@ -46,7 +46,7 @@ def parameter_value(message: Message, *, bytewise: bool) -> float:
 
 
 class ParameterReader:
-    """Request names until each is answered or its tries are used up."""
+    """Reader that requests each name until it is answered or its tries are used up."""
 
     def __init__(self, names: Iterable[str], *, bytewise: bool) -> None:
         """bytewise: encoding of integers, see `parameter_value`."""

@@ -1,4 +1,4 @@
-"""Final check of every setpoint before it is sent. No other module repeats it."""
+"""Final check that every setpoint passes before it is sent. No other module repeats it."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ class Limits:
 
 
 class SetpointGuard:
-    """Check that setpoints are finite and within the limits."""
+    """Check of setpoints: finite, and within the limits."""
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
