@@ -186,7 +186,7 @@ class StampFilter:
             self.followed = step - by_link
             self._offset += self.followed
             self._candidate, self._count = self._offset, 0
-            # if the link was slow meanwhile, later lags show the rest of the step, not those of the rise
+            # if the link was slow meanwhile, later lags show the rest of the step, not the lags of the rise
             self._begin(arrival)
 
 
@@ -320,7 +320,7 @@ class Timesync:
         return told
 
     def told(self, since: float, now: float) -> float:
-        """Return the largest increase of the link delay since then, s: that of the shortest round trip.
+        """Return the largest increase of the link delay since then, s, from the shortest round trips.
 
         Infinite until a round trip since then is measured; 0 if the vehicle does not answer.
         """

@@ -73,7 +73,7 @@ class LinkCounts:
 
 
 class Decoder:
-    """Decoder of one link. Datagrams are decoded separately. A byte stream (TCP, serial) keeps incomplete frames."""
+    """Decoder for a single link. Each datagram is separate. A byte stream (TCP, serial) keeps incomplete frames."""
 
     def __init__(
         self,

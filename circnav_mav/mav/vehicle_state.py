@@ -16,8 +16,8 @@ OVERTAKEN = 64
 """Largest step back in the sequence number that counts as reordering: half a second or more of frames. After a larger
 step the frame counts as new: frames were lost, or the vehicle has rebooted."""
 APART = 0.2
-"""Least time between two heartbeats sent at their own rate, s (ArduPilot's shortest: 0.25). Those of a backlog arrive
-at once."""
+"""Least time between two heartbeats sent at their own rate, s (ArduPilot's shortest: 0.25). A backlog arrives at
+once."""
 BATTERY_MAX_AGE = 5.0
 """Oldest battery level that is reported, s. SYS_STATUS arrives once a second."""
 NOT_FLYING = (

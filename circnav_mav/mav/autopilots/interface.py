@@ -173,7 +173,7 @@ class Autopilot(ABC):
 
 
 def turn_in(message: Message) -> float | None:
-    """Return the turn command in a setpoint, or in the vehicle's report of one, or None without one.
+    """Return the turn command in a setpoint, or in the vehicle's report of its setpoint, or None.
 
     Right positive: yaw rate (rad/s), or bank (rad) for attitude setpoints.
     """

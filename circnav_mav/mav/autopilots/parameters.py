@@ -13,7 +13,7 @@ SHORT_TIMEOUT, LONG_TIMEOUT = 0.5, 5.0
 SPEED_NEAR, SPEED_FAR = 0.05, 0.2
 """Largest fraction by which the autopilot's speed may differ from the mission's for PASS, and for WARN."""
 COMMON_WIND = 8.0
-"""Common wind for copter flights, m/s. A lean limit that is not enough for it gives a warning."""
+"""Common wind for copter flights, m/s. A lean limit too small for this wind gives a warning."""
 ROUNDING = 1e-6
 """Rounding error of a vehicle's value in 32 bits against the mission's, fraction."""
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 Point = tuple[float, float]
-"""(true, reported) value of one range, m."""
+"""True and reported range, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class Calibration:
 
 
 def rising(points: Sequence[Sequence[float]]) -> bool:
-    """True if there are at least two points and both values increase from each to the next.
+    """True for at least two points if true and reported values increase from each to the next.
 
     Then each reading has a unique range.
     """

@@ -69,7 +69,7 @@ class RangeReader:
 
     @property
     def refused(self) -> int:
-        """Number of rejected ranges of our sensor. Those of other sensors are not counted."""
+        """Number of rejected ranges of our sensor, without ranges of other sensors."""
         return self.rejected.total() - sum(self.rejected[reason] for reason in OTHERS)
 
     def read(
