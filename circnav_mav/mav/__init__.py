@@ -1,1 +1,1 @@
-"""MAVLink without sockets and without a clock: bytes and the time come in as arguments, bytes go out."""
+"""MAVLink without sockets and without a clock: received bytes and the time are arguments, bytes to send are results."""

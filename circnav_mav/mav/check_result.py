@@ -1,11 +1,11 @@
-"""How a fact about a mission or a vehicle comes out, and its line."""
+"""Result of a check of a mission or a vehicle, with its line of text."""
 
 from dataclasses import dataclass
 from enum import Enum
 
 
 class Grade(Enum):
-    """How a check came out. FAIL refuses the flight."""
+    """Outcome of a check. FAIL prevents the flight."""
 
     PASS = "PASS"
     WARN = "WARN"
@@ -23,5 +23,5 @@ class Check:
 
 
 def graded(value: float, *, warn_above: float, fail_above: float) -> Grade:
-    """The grade of a number that should be small."""
+    """Return the grade of a number that should be small."""
     return FAIL if value > fail_above else WARN if value > warn_above else PASS

@@ -1,6 +1,6 @@
-"""What time it is over there: remote stamps to our time, whether a remote clock was set anew, and how fast it runs.
+"""Remote clocks: conversion of remote stamps to local time, clock resets, and the speed of a remote clock.
 
-Of stamps alone all that is known is that no message arrives before it was sent; what the link adds tells `Timesync`.
+Timestamps alone give a lower bound of the delay. `Timesync` measures the rest.
 """
 
 from collections import deque
@@ -14,44 +14,43 @@ from pymavlink.dialects.v20 import all as dialect
 from circnav_mav.mav.codec import Message
 
 BOOT_WRAP = 2**32 / 1000
-"""Seconds after which time_boot_ms begins anew: 49.7 days."""
+"""Time after which time_boot_ms wraps to 0, s: 49.7 days."""
 
 WINDOW = 100
-"""Samples after which the least lag is taken anew, so that a drifting remote clock is followed."""
+"""Number of samples over which the least lag is taken. A new window follows a drifting remote clock."""
 STEP = 0.15
-"""Least step of a remote clock that is looked for, s: the jitter of most links is less, a pause that hurts is more."""
+"""Least step of a remote clock that is detected, s. Most links have less jitter, and harmful pauses are longer."""
 RISE = 0.4
-"""Share of a step that must show from one sample to the next. A link that is ever more congested rises bit by bit."""
+"""Share of a step that must appear between two successive samples. Growing congestion raises the lag gradually."""
 STEADY, STEADY_SAMPLES = 0.5, 3
-"""How long, s, and in how many samples, lags must stay at their new level."""
+"""Time, s, and number of samples for which lags must stay at their new level."""
 FALL = 0.03
-"""Fall of the lag, s, by which a queue shows that drains: one with 6 % of its capacity to spare falls so far in STEADY.
-Clocks differ by a thousandth of that."""
+"""Fall of the lag, s, that indicates a draining queue. A queue with 6 % of spare capacity falls by this in STEADY.
+Clock rates differ by a thousandth of that."""
 SPREAD = 0.5
-"""Share of the step by which the lags of its samples may differ, and which a slower link may account for."""
+"""Share of the step by which its lags may differ, and share of it that a slower link may explain."""
 
 Slower = Callable[[float, float], float]
-"""(since, now) -> the most, s, by which the link may have become slower at `since`; infinite while not measured."""
+"""(since, now) -> largest possible increase of the link delay at `since`, s; infinite while it is not measured."""
 
 
 def nobody_tells(since: float, now: float) -> float:
-    """Of a link that nothing measures: see StampFilter."""
+    """Return 0: the delay increase of a link that is not measured. See StampFilter."""
     return 0.0
 
 
 def our_boot_ms(now: float) -> int:
-    """Our own time_boot_ms: milliseconds since we started, in 32 bits."""
+    """Return our own time_boot_ms: milliseconds since the start of circnav, in 32 bits."""
     return int(now * 1000) & 0xFFFFFFFF
 
 
 JUMP = 1.0
-"""Step of a remote clock, s, that shows that the clock was set anew. A stamp that is older than the newest by less was
-overtaken on the way."""
+"""Backward step of a remote clock, s, that counts as a reset. A smaller step back is a reordered message."""
 
 
 class Order(Enum):
-    """Relation of a stamp to the newest that was taken. JUMPED: far off, from a glitch or from a clock that was set.
-    RESTARTED: far off, and the one before agrees: the clock was set anew."""
+    """Relation of a stamp to the newest accepted stamp. JUMPED: far off, by a glitch or a clock reset. RESTARTED: far
+    off, and consistent with the stamp before: the clock was reset."""
 
     NEWER = "newer"
     REPEATED = "repeated"
@@ -63,47 +62,47 @@ class Order(Enum):
 class StampFilter:
     """Order and local times of a remote clock's stamps.
 
-    Local time = remote stamp + offset, where the offset is the least seen of (arrival - stamp). The idea is that of
-    ArduPilot's JitterCorrection: delay on the way only ever adds. A constant delay cannot be told from a clock
-    difference and stays in.
+    Local time = remote stamp + offset. The offset is the least (arrival - stamp) so far, as in ArduPilot's
+    JitterCorrection, because link delay is never negative. A constant delay cannot be distinguished from a clock
+    difference and remains.
 
-    A remote clock that stands still (a paused simulator, a controller that writes its log) raises all later lags at
-    once by the length of the pause. In a queue that drains they fall from sample to sample; congestion raises them bit
-    by bit. A link that has turned slower in one step looks just the same: the round trip (`slower`) tells, and the
-    offset follows only what it does not explain. Where nothing measures the link, the step is taken for the clock's:
-    pauses are common, a route that is suddenly slower by a constant time is rare.
+    A pause of the remote clock (a paused simulator, a controller that writes its log) raises all later lags at once by
+    its length. Lags of a draining queue fall from sample to sample. Congestion raises them gradually. A link that
+    becomes slower in one step looks like a pause: only the round trip (`slower`) distinguishes them, and the offset
+    follows the part that it does not explain. On an unmeasured link the step is attributed to the clock: pauses are
+    common, routes that become slower by a constant time are rare.
     """
 
     def __init__(self, slower: Slower = nobody_tells, *, wrap: float | None = None, jump: float = JUMP) -> None:
-        """slower: measures the link. wrap: period after which stamps begin anew, s; None if they do not. jump: step
-        back, s, that shows that the clock was set anew."""
+        """slower: delay increase of the link. wrap: period of the stamps, s, None if they do not wrap. jump: backward
+        step, s, that counts as a clock reset."""
         self._slower, self._wrap, self._jump = slower, wrap, jump
         self.reset()
 
     def reset(self) -> None:
-        """Forget all: the clock was set anew, or it is another one."""
+        """Discard all state: the clock was reset or replaced."""
         self.newest: float | None = None
-        """Newest stamp that was taken, on a line that does not wrap, s. newest_at: when it arrived."""
+        """Newest accepted stamp, unwrapped, s. newest_at: its arrival time."""
         self.newest_at = -inf
         self._jumped: tuple[float, float] | None = None
         self._offset = self._candidate = self._lag = inf
         self._count = 0
         self._raised: deque[tuple[float, float]] = deque()
-        """The newest samples in a row whose lags are above the offset: (arrival, lag), s, over STEADY."""
+        """Newest consecutive samples with raised lags: (arrival, lag), s, over STEADY."""
         self._by_link = False
-        """Whether the link accounts for them."""
+        """True if the link explains the raised lags."""
         self.followed = 0.0
-        """The step that was followed with the newest sample, s."""
+        """Clock step that was applied with the newest sample, s."""
 
     @property
     def doubted(self) -> bool:
-        """Whether the newest stamps look like a step of the remote clock that is not followed yet."""
+        """True if the newest stamps look like a step of the remote clock that is not applied yet."""
         return self._jumped is not None or (len(self._raised) > 1 and not self._by_link and self._steady())
 
     # --- the order of stamps ---
 
     def unwrapped(self, stamp: float) -> float:
-        """Return a stamp on the line of the newest, which does not wrap, s."""
+        """Return a stamp without wraps, near the newest one, s."""
         if not self._wrap or self.newest is None:
             return stamp
         return stamp + self._wrap * round((self.newest - stamp) / self._wrap)
@@ -111,17 +110,20 @@ class StampFilter:
     def order(
         self, stamp: float, now: float, *, most_ahead: float = inf, steady: float = inf, patience: float = 0.0
     ) -> Order:
-        """Compare an unwrapped stamp with the newest; forget the old clock when it RESTARTED. most_ahead: how far the
-        stamp may be ahead of the clock, s. steady: how much two stamps of a new clock may differ from the local time
-        between them, s. patience: silence by the old clock, s, before a new one is followed."""
+        """Compare an unwrapped stamp with the newest, and reset the filter if the result is RESTARTED.
+
+        most_ahead: largest lead over the clock, s. steady: largest difference between the interval of
+        two stamps of a new clock and the local interval, s. patience: silence by the old clock, s, before a new clock
+        is followed.
+        """
         if self.newest is None:
             return Order.NEWER
         step = stamp - self.newest
         if step > -self._jump and self.ahead(stamp, now) <= most_ahead:
             self._jumped = None
             return Order.NEWER if step > 0 else Order.REPEATED if step == 0 else Order.OLDER
-        # A single stamp far off may be a glitch, or a frame that came late by another route. A clock that was set goes
-        # on from there with the next stamp.
+        # A single stamp far off may be a glitch, or a late frame from another route. After a reset, the next stamp
+        # continues from there.
         before, self._jumped = self._jumped, (stamp, now)
         goes_on = before is not None and stamp > before[0] and abs(stamp - before[0] - (now - before[1])) <= steady
         if not goes_on or now - self.newest_at < patience:
@@ -130,17 +132,17 @@ class StampFilter:
         return Order.RESTARTED
 
     def take(self, stamp: float, now: float) -> None:
-        """Make a stamp that came now the newest."""
+        """Accept a stamp that arrived now as the newest."""
         self.newest, self.newest_at, self._jumped = stamp, now, None
 
     # --- remote time to ours ---
 
     def ahead(self, stamp: float, arrival: float) -> float:
-        """By how much a stamp is newer than any can be by the offset, s; negative: how late it is."""
+        """Return the lead of a stamp over the clock estimate, s. A negative value is its delay."""
         return 0.0 if self._offset == inf else self._offset - (arrival - stamp)
 
     def local(self, stamp: float, arrival: float) -> float:
-        """The local time of a sample that was stamped `stamp` there and arrived at `arrival` here, s."""
+        """Return the local time of a sample with this remote stamp and local arrival time, s."""
         lag = arrival - stamp
         self._offset, self._candidate = min(self._offset, lag), min(self._candidate, lag)
         self._count += 1
@@ -153,20 +155,21 @@ class StampFilter:
         return min(stamp + self._offset, arrival)
 
     def _watch(self, lag: float, arrival: float) -> None:
-        """Keep what is known of lags that have risen at once and stay high."""
+        """Collect the samples since the lag has risen in one step, as long as it stays high."""
         late, rise, self._lag = lag - self._offset, lag - self._lag, lag
+        # A sudden rise starts a new step. A falling lag is a draining queue, not a paused clock: start over with it.
         if late < STEP:
             self._raised.clear()
         elif rise >= max(STEP, RISE * late) or (self._raised and lag < self._raised[0][1] - FALL):
             self._begin(arrival)
         elif self._raised:
             self._raised.append((arrival, lag))
-            # what was before STEADY no longer counts: a computer that stalls may shake lags for seconds
+            # drop samples older than STEADY: a stalling computer may disturb lags for seconds
             while len(self._raised) > STEADY_SAMPLES and arrival - self._raised[1][0] >= STEADY:
                 self._raised.popleft()
 
     def _begin(self, arrival: float) -> None:
-        """The newest sample is the first that is raised."""
+        """Start the raised samples with the newest one."""
         self._raised, self._by_link = deque([(arrival, self._lag)]), False
 
     def _steady(self) -> bool:
@@ -174,47 +177,49 @@ class StampFilter:
         return max(lags) - min(lags) <= SPREAD * (min(lags) - self._offset)
 
     def _follow(self, arrival: float) -> None:
-        """Follow a step that has lasted, as far as the link does not account for it."""
+        """Apply the part of a lasting step that the link does not explain."""
         step = min(lag for _, lag in self._raised) - self._offset
         by_link = self._slower(self._raised[0][0], arrival)
-        if by_link < inf:  # else what was measured last still counts
+        if by_link < inf:  # otherwise the last measurement stays valid
             self._by_link = SPREAD * step < by_link
         if by_link <= SPREAD * step:
             self.followed = step - by_link
             self._offset += self.followed
             self._candidate, self._count = self._offset, 0
-            # what is left of it, where the link was slow meanwhile, shows in the lags to come, not in those of the rise
+            # if the link was slow meanwhile, later lags show the rest of the step, not the lags of the rise
             self._begin(arrival)
 
 
-# --- how fast it runs ---
+# --- speed of a remote clock ---
 
 SPEED_WINDOW = 3.0
-"""Time, s, over which a speed is taken."""
+"""Time over which a clock speed is measured, s."""
 OFF, ALIKE = 0.2, 0.1
-"""Fraction by which a speed must differ from ours, and by which windows that agree may differ. A radio whose buffer
-fills slows all down by less, or for a shorter time."""
+"""Least deviation from our clock speed, and largest spread of windows that agree, as a fraction. A radio with a filling
+buffer causes less deviation, or for a shorter time."""
 WINDOWS = 3
-"""Windows in a row that must agree; chosen."""
+"""Consecutive windows that must agree; chosen."""
 Moment = tuple[float, float]
-"""(our time, the other clock's time), s."""
+"""(local time, remote time), s."""
 Span = tuple[Moment, Moment]
 
 
 class ClockSpeed:
-    """Compares times since boot with the times at which they came: a simulator at another speed looks like a vehicle at
-    another. A speed counts on which three windows agree."""
+    """Speed of the vehicle's clock, from times since boot and their arrival times.
+
+    A simulator at another speed would look like a vehicle at another speed. Three windows must agree on the value.
+    """
 
     def __init__(self) -> None:
         self._began: Moment | None = None
         self._speeds: deque[float] = deque(maxlen=WINDOWS)
         self.found: float | None = None
-        """Seconds of the autopilot's per second of ours, None while they go along."""
+        """Autopilot seconds per local second, None while the clocks agree."""
         self.noticed: float | None = None
-        """The first that was found."""
+        """First deviating speed that was found."""
 
     def heard(self, boot: float, now: float) -> None:
-        """A time since boot, s, that came now."""
+        """Process a time since boot, s, that arrived now."""
         if self._began is None or boot < self._began[1]:
             self._began = (now, boot)
             self._speeds.clear()
@@ -229,8 +234,10 @@ class ClockSpeed:
 
 
 def quick_span(moments: Sequence[Moment]) -> Span | None:
-    """Of the first third and of the last the moment that came with the least delay, which is none of the clock's; None
-    of none."""
+    """Return the least delayed moments of the first and of the last third, or None without moments.
+
+    Link delay is not part of the clock speed.
+    """
     third = (len(moments) + 2) // 3
     if not third:
         return None
@@ -239,81 +246,84 @@ def quick_span(moments: Sequence[Moment]) -> Span | None:
 
 
 def span_speed(span: Span) -> float:
-    """Seconds of the other clock per second of ours."""
+    """Return remote seconds per local second."""
     (began, at_first), (ended, at_last) = span
     return (at_last - at_first) / (ended - began) if ended > began else 1.0
 
 
-# --- how long a question to the vehicle and its answer take ---
+# --- round-trip time to the vehicle ---
 
 KEPT = 5
-"""Newest answers that count, and answers after which is asked less often."""
+"""Newest round trips in use, and number of answers after which requests become less frequent."""
 EVERY, LATER_EVERY = 0.5, 1.0
-"""Time between two questions, s."""
+"""Time between two requests, s, at first and later."""
 UNANSWERED = 3.0
-"""Time without an answer, s, after which the vehicle may not receive us: three questions were lost."""
+"""Time without an answer, s, after which the vehicle may not receive us: three requests were lost."""
 MOST_REPEATS = 10
-"""Questions in a row that are asked again in haste; who answers none of them does not hear us."""
+"""Limit of early repeats in a row. If no request is answered, the vehicle does not receive us."""
 AGAIN = 0.2
-"""Time after which a question is asked again, s, that should have been answered by now: it was lost, or the link has
-become slow, and to learn either is urgent."""
+"""Least wait, s, before an unanswered request is repeated early. It was lost, or the link has become slow, and the
+delay must be measured soon."""
 REMEMBERED = 256
-"""Newest answers by which a link is compared with what it was: some four minutes."""
+"""Newest answers for comparing a link with its past: some four minutes."""
 OUTSTANDING = 64
-"""Questions that may wait for an answer, more than are asked within PATIENCE; it mirrors our stamp, so nobody else's
-answer is taken for ours."""
+"""Limit of unanswered requests, more than are sent within PATIENCE. Each answer mirrors our stamp, so answers to other
+senders do not match."""
 PATIENCE = 10.0
-"""Time, s, after which a vehicle that has answered nothing counts as one that never does, and a question as lost."""
+"""Time, s, after which an unanswered request counts as lost, and a vehicle without any answer as unable to answer."""
 
 
 class Timesync:
-    """Asks the vehicle the time by TIMESYNC: the only delay that can be measured, for a constant one looks like a clock
-    that is set otherwise. What is known outlives a loss of the link: only the same vehicle may come back.
+    """Round-trip time to the vehicle, measured with TIMESYNC requests.
+
+    It is the only measurable delay: a constant one-way delay looks like a clock difference. The results are kept when
+    the link is lost, because only the same vehicle may come back.
 
     Source: https://mavlink.io/en/services/timesync.html
     """
 
     def __init__(self) -> None:
         self._asked: dict[int, float] = {}
-        """When each question that waits for its answer was asked, s, by its stamp; `_newest`: of the last one."""
+        """Send time, s, of each unanswered request by its stamp. `_newest`: stamp of the last request."""
         self._newest = 0
         self._next = float("-inf")
         self._repeats = 0
         self._began: float | None = None
         self._answers: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)
         self.trips: deque[float] = deque(maxlen=KEPT)
-        """The newest, s."""
+        """Newest round-trip times, s."""
 
     @property
     def typical(self) -> float | None:
-        """Median of the newest, s; None before any answer."""
+        """Median of the newest round trips, s; None before any answer."""
         return median(self.trips) if self.trips else None
 
     @property
     def worst(self) -> float | None:
-        """Of the newest, s; None before any answer."""
+        """Longest of the newest round trips, s; None before any answer."""
         return max(self.trips, default=None)
 
     def silent(self, now: float, within: float) -> bool:
-        """True if the vehicle has answered before, but not within this time, s: our frames may be lost."""
+        """True if the vehicle has answered before, but not within this time, s. Our frames may be lost."""
         return bool(self._answers) and now - self._answers[-1][0] > within
 
     @property
     def one_way(self) -> float:
-        """The least that a frame of the vehicle has been under way of late, s: half of the quickest answer. 0 where no
-        answer tells."""
+        """Least recent one-way delay, s: half of the shortest round trip, 0 without an answer."""
         return min(self.trips, default=0.0) / 2
 
     def slower(self, since: float, now: float) -> float:
-        """As `told`; an answer that does not tell yet is asked for at once."""
+        """Return `told(since, now)`. If it is infinite and no request was sent since then, send one at once."""
         told = self.told(since, now)
         if told == float("inf") and max(self._asked.values(), default=float("-inf")) < since:
             self._next = now
         return told
 
     def told(self, since: float, now: float) -> float:
-        """The most, s, by which frames that have come since then may be later than those before: what the quickest
-        answer takes longer. Infinite until an answer tells; 0 where none ever does."""
+        """Return the largest increase of the link delay since then, s, from the shortest round trips.
+
+        Infinite until a round trip since then is measured; 0 if the vehicle does not answer.
+        """
         after = [trip for at, trip in self._answers if at >= since]
         if after:
             before = min((trip for at, trip in self._answers if at < since), default=0.0)
@@ -323,15 +333,15 @@ class Timesync:
         return float("inf")
 
     def answered(self, now: float) -> bool:
-        """True if the vehicle has just answered a question, so that it receives us, or never answers any."""
+        """True if the vehicle has answered lately and thus receives us, or has never answered."""
         return not self._answers or now - self._answers[-1][0] <= UNANSWERED
 
     def settled(self, now: float) -> bool:
-        """Whether the round trip is known, or never will be."""
+        """True if the round trip is measured, or PATIENCE has passed without an answer."""
         return bool(self.trips) or (self._began is not None and now - self._began > PATIENCE)
 
     def poll(self, now: float) -> list[Message]:
-        """A question, when due."""
+        """Return a request when one is due."""
         overdue = self._overdue(now)
         if now < self._next and not overdue:
             return []
@@ -345,7 +355,7 @@ class Timesync:
         return [dialect.MAVLink_timesync_message(0, self._newest)]
 
     def heard(self, stamp: int, now: float) -> None:
-        """An answer that mirrors a stamp; one to somebody else's question is nothing."""
+        """Process an answer that mirrors a stamp. Answers to other senders' requests are ignored."""
         at = self._asked.pop(stamp, None)
         if at is None:
             return
@@ -355,7 +365,7 @@ class Timesync:
             self._answers.append((now, now - at))
 
     def _overdue(self, now: float) -> bool:
-        """Whether the newest question should have been answered by now."""
+        """True if the newest request should have been answered by now."""
         asked = self._asked.get(self._newest)
         if asked is None or not self.trips or self._repeats >= MOST_REPEATS:
             return False

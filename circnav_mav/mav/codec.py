@@ -1,6 +1,6 @@
-"""Bytes to MAVLink messages and back, over pymavlink's `all` dialect.
+"""Conversion between bytes and MAVLink messages with pymavlink's `all` dialect.
 
-`all` is the only module of pymavlink 2.4.50 that knows DISTANCE_SENSOR, RANGING_BEACON and CURRENT_MODE together.
+`all` is the only module of pymavlink 2.4.50 with all of DISTANCE_SENSOR, RANGING_BEACON and CURRENT_MODE.
 """
 
 from collections import Counter
@@ -19,24 +19,24 @@ Ids = tuple[int, int]
 """(system, component)."""
 
 _NEVER_SIGNED = dialect.MAVLINK_MSG_ID_RADIO_STATUS
-"""Telemetry radios put it into the stream and have no key; nothing here is steered by it."""
+"""Message that telemetry radios insert without a key. circnav does not steer by it."""
 _NEVER_LOGGED = dialect.MAVLINK_MSG_ID_SETUP_SIGNING
-"""Carries somebody's key."""
+"""Message that contains a secret key."""
 _MOST_SYSTEMS = 32
-"""Senders that are counted one by one: bounds the memory that a hostile link can fill."""
+"""Limit of the senders that are listed: bounds the memory that a hostile link can fill."""
 _MOST_FAILURES = 64
-"""Bytes that seemed to begin a frame and did not, after which the rest of a datagram is left: bounds the work that a
-hostile one can cause. Each counts, also one that a look at its header rules out: a search for the next is not free."""
+"""Invalid frame starts after which the rest of a datagram is skipped: bounds the work that a hostile datagram causes.
+Starts with an invalid header count too, because each search for the next start takes time."""
 
 
 def ids(message: Message) -> Ids:
-    """Whose name a message came in."""
+    """Return the system and component id of a message's sender."""
     return message.get_srcSystem(), message.get_srcComponent()
 
 
 @dataclass(slots=True)
 class LinkCounts:
-    """What came in on one link: the facts that a person needs when nothing works."""
+    """Statistics of the bytes received on one link, for troubleshooting."""
 
     bytes: int = 0
     frames: int = 0
@@ -44,15 +44,15 @@ class LinkCounts:
     unknown: int = 0
     version_1: int = 0
     signed: int = 0
-    """Frames with a signature; without a key of ours those of the all-zero key are not among them."""
+    """Signed frames. Without a key of our own, frames signed with the all-zero key are not counted."""
     zero_key: int = 0
     has_key: bool = False
     systems: set[tuple[int, int]] = field(default_factory=set)
     refused: Counter[str] = field(default_factory=Counter)
-    """Frames by the reason why their signature, or its absence, is not believed."""
+    """Number of unauthenticated frames by reason."""
 
     def describe(self) -> str:
-        """One line: what was refused; bytes, frames, errors, systems and MAVLink version heard."""
+        """Return one line: rejected frames, then bytes, frames, errors, systems and MAVLink version received."""
         if not self.bytes:
             return "0 bytes heard"
         systems = ", ".join(f"{system}/{component}" for system, component in sorted(self.systems)) or "none"
@@ -73,7 +73,7 @@ class LinkCounts:
 
 
 class Decoder:
-    """Reads one link. A datagram stands for itself; a byte stream (TCP, serial) carries its tail to the next call."""
+    """Decoder for a single link. Each datagram is separate. A byte stream (TCP, serial) keeps incomplete frames."""
 
     def __init__(
         self,
@@ -83,8 +83,8 @@ class Decoder:
         signing: Signing | None = None,
         accept_unsigned: bool = False,
     ) -> None:
-        """wanted: message ids worth decoding, None for all; the others are checked and counted only. signing: whom to
-        believe, None for everybody. accept_unsigned: believe unsigned frames beside the signed."""
+        """wanted: message ids to decode, None for all. Others are only checked and counted. signing: authentication of
+        the frames, None accepts all. accept_unsigned: accept unsigned frames beside the signed ones."""
         if dialect.MAVLINK_IGNORE_CRC:
             raise ValueError("MAVLINK_IGNORE_CRC is set in the environment: unset it, frames must be checked")
         self._dialect = dialect.MAVLink(None)
@@ -95,12 +95,12 @@ class Decoder:
         self._tail = b""
         self.counts = LinkCounts(has_key=signing is not None)
         self.frames: list[bytes] = []
-        """The whole frames of the newest call that are believed, unknown ids included, for the recorder."""
+        """Accepted frames of the newest call, unknown ids included, for the recorder."""
         self.behind = False
-        """Whether a frame of the newest call was refused for its sender's clock alone."""
+        """True if a frame of the newest call was rejected only because of its sender's clock."""
 
     def decode(self, received: bytes) -> list[Message]:
-        """The messages of one datagram or chunk; damage and unknown ids are counted, never raised."""
+        """Return the messages of one datagram or chunk. Damage and unknown ids are counted, never raised."""
         self.counts.bytes += len(received)
         buffer = self._tail + received if self._tail else received
         self.frames, self.behind = [], False
@@ -123,7 +123,7 @@ class Decoder:
         return messages
 
     def _believed(self, frame: Frame, data: bytes) -> bool:
-        """Whether the frame counts; its refusal is counted, too."""
+        """Return True if the frame is accepted. Count a rejection."""
         refusal = None
         if self._signing is not None and frame.signed:
             refusal = self._signing.check(data)
@@ -137,7 +137,7 @@ class Decoder:
         return refusal is None
 
     def _read(self, data: bytes) -> Message | None:
-        """The message in a frame whose CRC is right, None if pymavlink cannot read it all the same."""
+        """Return the message of a frame with a valid CRC, or None if pymavlink still cannot decode it."""
         try:
             return self._dialect.decode(bytearray(data))
         except dialect.MAVError:
@@ -158,7 +158,7 @@ class Decoder:
 
 
 class Encoder:
-    """Packs messages as MAVLink 2 in our name, with our own running sequence number; signs them if it can."""
+    """Encoder of MAVLink 2 frames with our ids and sequence number. With a key it signs them."""
 
     def __init__(self, system: int, component: int, signing: Signing | None = None) -> None:
         self.system = system
@@ -166,7 +166,7 @@ class Encoder:
         self._signing = signing
 
     def encode(self, message: Message) -> bytes:
-        """One frame. `pack` does not advance the sequence number: that is done here."""
+        """Return one frame and advance the sequence number, which `pack` does not."""
         self._dialect.srcSystem = self.system
         frame = bytes(message.pack(self._dialect))
         self._dialect.seq = (self._dialect.seq + 1) % 256

@@ -1,6 +1,6 @@
 """Commands with retries and matched acknowledgements (timings of MAVSDK: 0.5 s, three retries, 3 s in progress).
 
-And the telemetry streams: asked for with SET_MESSAGE_INTERVAL, measured, asked for again when they fall away.
+Also the telemetry streams: requested with SET_MESSAGE_INTERVAL, measured, and requested again when they stop.
 """
 
 from collections import Counter, deque
@@ -13,25 +13,25 @@ from pymavlink.dialects.v20 import all as dialect
 from circnav_mav.mav.codec import Ids, Message
 
 ACK_TIMEOUT = 0.5
-"""Time, s, until a command without an answer is sent again (as in MAVSDK)."""
+"""Time, s, until an unanswered command is repeated (as in MAVSDK)."""
 IN_PROGRESS_TIMEOUT = 3.0
-"""Time, s, that an answer IN_PROGRESS lasts; chosen, three heartbeats."""
+"""Time, s, for which an IN_PROGRESS answer extends the wait; chosen, three heartbeats."""
 MOST_IN_PROGRESS = 3
-"""Answers IN_PROGRESS that a command may have; chosen, so that no vehicle can hold one open."""
+"""Limit of IN_PROGRESS answers per command; chosen, so that no vehicle can keep one pending forever."""
 RETRIES = 3
-"""Times that a command is sent again (as in MAVSDK)."""
+"""Number of repeats of a command (as in MAVSDK)."""
 LATE = 1.2
-"""Of the time between first try and last: how long after the end of a command the answers to its repeats may come."""
+"""Time in which late answers to repeats may arrive, as a fraction of the time between first and last try."""
 MOST_OWED = 64
-"""Unanswered commands of one number that are counted: more than are sent while a link is lost."""
+"""Limit of the unanswered commands counted per command number: more than are sent while a link is lost."""
 UNASKED, UNASKED_WITHIN = 2, 10.0
-"""Number of answers to us that nothing of ours asked for, and the time, s, in which they show another program."""
+"""Number of answers to us without a command of ours within this time, s, that indicates another program."""
 ANSWERS_KEPT = 16
-"""Newest answers by which one that comes again by another way is recognized."""
+"""Newest answers kept to recognize a duplicate that arrives by another route."""
 CHECK_EVERY = 3.0
-"""Time, s, over which the rates of streams are measured."""
+"""Time, s, over which stream rates are measured."""
 LOW = 0.5
-"""Fraction of the wanted rate below which a stream is asked for again."""
+"""Fraction of the requested rate below which a stream is requested again."""
 GROUPS = {
     dialect.MAVLINK_MSG_ID_RAW_IMU: dialect.MAV_DATA_STREAM_RAW_SENSORS,
     dialect.MAVLINK_MSG_ID_HIGHRES_IMU: dialect.MAV_DATA_STREAM_RAW_SENSORS,
@@ -41,19 +41,20 @@ GROUPS = {
     dialect.MAVLINK_MSG_ID_SYSTEM_TIME: dialect.MAV_DATA_STREAM_EXTRA3,
     dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: dialect.MAV_DATA_STREAM_EXTRA3,
 }
-"""Groups of REQUEST_DATA_STREAM by message id: all that firmware from before SET_MESSAGE_INTERVAL knows (ArduPilot
-before 4.0)."""
+"""Groups of REQUEST_DATA_STREAM by message id, for firmware without SET_MESSAGE_INTERVAL (ArduPilot before 4.0)."""
 RESULT_NAMES = {
     value: entry.name.removeprefix("MAV_RESULT_").lower().replace("_", " ")
     for value, entry in dialect.enums["MAV_RESULT"].items()
 }
-"""Names of MAV_RESULT values, as a person reads them."""
+"""Names of MAV_RESULT values, human-readable."""
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A MAV_CMD number with its parameters (unset ones are 0). place: latitude, longitude in 1e-7 degrees, of a
-    COMMAND_INT: single precision would be metres off."""
+    """A MAV_CMD number with its parameters (unset ones are 0).
+
+    place: latitude and longitude in 1e-7 degrees, sent in a COMMAND_INT. Single precision would be off by meters.
+    """
 
     number: int
     params: tuple[float, ...] = ()
@@ -62,7 +63,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class CommandResult:
-    """How a command ended: a MAV_RESULT, or None when nobody answered."""
+    """Result of a command: a MAV_RESULT, or None without an answer."""
 
     command: Command
     result: int | None
@@ -73,7 +74,7 @@ class CommandResult:
 
     @property
     def refused(self) -> bool:
-        """Whether the vehicle rejected it (silence is no answer)."""
+        """True if the vehicle rejected the command. A missing answer is not a rejection."""
         return self.result is not None and not self.accepted
 
     @property
@@ -92,44 +93,46 @@ class _Pending:
 
 
 class CommandSender:
-    """At most one command per number is under way; others of the same number wait their turn, also while the one before
-    may still be answered: an answer names its number alone."""
+    """Sender of commands, at most one per command number at a time.
+
+    An answer contains only the command number. The next command of that number waits until the one before is finished
+    and its late answers can no longer arrive.
+    """
 
     def __init__(self) -> None:
         self._queue: list[Command] = []
         self._pending: dict[int, _Pending] = {}
         self._results: list[CommandResult] = []
         self._held: dict[int, float] = {}
-        """Until when answers to the repeats of what has ended may come, s, by number."""
+        """Time until which late answers to finished commands may arrive, s, by number."""
         self._newest: deque[bytes] = deque(maxlen=ANSWERS_KEPT)
         self._owed: Counter[int] = Counter()
-        """Answers that may still come, by number."""
+        """Number of answers that may still arrive, by command number."""
         self._unasked: deque[float] = deque(maxlen=UNASKED)
 
     def sent(self, number: int) -> None:
-        """Note a command that leaves. PX4 answers a change of mode twice."""
+        """Count the answers expected for a command that is sent. PX4 answers a mode change twice."""
         answers = 2 if number == dialect.MAV_CMD_DO_SET_MODE else 1
         self._owed[number] = min(self._owed[number] + answers, MOST_OWED)
 
     def answered_unasked(self, now: float) -> bool:
-        """True if the vehicle answers to us what nothing of ours asked: another program sends commands in our name."""
+        """True if answers arrive to commands that we did not send: another program sends commands with our ids."""
         return len(self._unasked) == UNASKED and now - self._unasked[0] <= UNASKED_WITHIN
 
     def send(self, command: Command) -> None:
-        """Queue a command; one that is already waiting is not queued twice."""
+        """Queue a command, unless it is already queued or pending."""
         under_way = self._pending.get(command.number)
         if command not in self._queue and (under_way is None or under_way.command != command):
             self._queue.append(command)
 
     def clear(self) -> None:
-        """Drop everything: the vehicle that was meant is gone."""
+        """Drop all commands: their vehicle is gone."""
         self._queue.clear()
         self._pending.clear()
         self._held.clear()
 
     def drop(self, number: int) -> bool:
-        """Ask no more for what a command number stands for, nor wait for late answers; tells whether anything was under
-        way."""
+        """Drop the commands of this number and do not wait for late answers. Return True if there were any."""
         waited = [command for command in self._queue if command.number == number]
         self._queue = [command for command in self._queue if command.number != number]
         self._held.pop(number, None)
@@ -140,8 +143,10 @@ class CommandSender:
         return results
 
     def acknowledge(self, ack: Message, us: Ids, now: float) -> None:
-        """Match a COMMAND_ACK of our vehicle; one that is addressed to somebody else is not ours, and a frame that two
-        routers bring is one answer."""
+        """Match a COMMAND_ACK of our vehicle to its command.
+
+        Answers for other systems are ignored. A frame that arrives by two routers counts once.
+        """
         frame, target = bytes(ack.get_msgbuf()), (ack.target_system, ack.target_component)
         known, repeated = frame in self._newest, bool(self._newest) and self._newest[-1] == frame
         self._newest.append(frame)
@@ -150,7 +155,7 @@ class CommandSender:
         if ack.result != dialect.MAV_RESULT_IN_PROGRESS and not known:
             if self._owed[ack.command] > 0:
                 self._owed[ack.command] -= 1
-            elif target == us:
+            elif target == us:  # another program uses our ids
                 self._unasked.append(now)
         pending = self._pending.get(ack.command)
         if pending is None:
@@ -162,7 +167,7 @@ class CommandSender:
             pending.in_progress += 1
 
     def poll(self, target: Ids, now: float) -> list[Message]:
-        """The messages due now: first tries and repeats, with `confirmation` counting the repeats."""
+        """Return the messages due now: first tries and repeats, with `confirmation` counting the repeats."""
         for pending in list(self._pending.values()):
             if now >= pending.due and pending.sent > RETRIES:
                 self._end(pending, None, now)
@@ -180,13 +185,14 @@ class CommandSender:
     def _end(self, pending: _Pending, result: int | None, now: float) -> None:
         number = pending.command.number
         del self._pending[number]
-        # answered after the first try, it is answered for good; else by a try of which nobody knows which
+        # After repeats, the answer may be to any of the tries, and answers to the others may follow. After a single
+        # try this time is 0.
         self._held[number] = now + LATE * (pending.last - pending.began)
         self._results.append(CommandResult(pending.command, result))
 
 
 def once(command: Command, target: Ids, confirmation: int = 0) -> Message:
-    """The message, whether anybody waits for its answer or not. confirmation: how often it was sent before."""
+    """Return the message of a command without tracking its answer. confirmation: number of earlier tries."""
     params = command.params + (0.0,) * (7 - len(command.params))
     if command.place is not None:
         fields = dialect.MAV_FRAME_GLOBAL, command.number, 0, 0, *params[:4], *command.place, params[6]
@@ -204,25 +210,25 @@ class _Stream:
 
 
 class StreamRequests:
-    """Keeps the wanted streams flowing: other clients reset rates, and a reboot forgets them."""
+    """Requests that keep the streams at their rates. Other clients change the rates, and a reboot resets them."""
 
     def __init__(self, wanted: Mapping[int, float], maybe: Container[int] = ()) -> None:
-        """wanted: message id -> Hz. maybe: of what the vehicle may not have; asked for again only once it was heard."""
+        """wanted: message id -> Hz. maybe: ids that the vehicle may lack, requested again only once received."""
         self._streams = {message_id: _Stream(rate) for message_id, rate in wanted.items()}
         self._since: float | None = None
         self._group_due = float("-inf")
         self.by_group = False
-        """Whether the vehicle does not know SET_MESSAGE_INTERVAL, so that REQUEST_DATA_STREAM is used."""
+        """True if the vehicle lacks SET_MESSAGE_INTERVAL, so that REQUEST_DATA_STREAM is used."""
         self._maybe = maybe
 
     @property
     def rates(self) -> dict[int, float | None]:
-        """Measured rate of each wanted stream in Hz, None before the first check."""
+        """Measured rate of each requested stream in Hz, None before the first check."""
         return {message_id: stream.rate for message_id, stream in self._streams.items()}
 
     @property
     def refused(self) -> list[str]:
-        """Names of the streams that the vehicle has denied, and does not send for an older request either."""
+        """Names of the streams that the vehicle has denied and does not send after a group request either."""
         return [
             dialect.mavlink_map[ident].msgname
             for ident, stream in self._streams.items()
@@ -234,18 +240,20 @@ class StreamRequests:
             self._streams[message_id].heard += 1
 
     def restart(self) -> None:
-        """Ask for everything anew: a new link or a rebooted vehicle."""
+        """Request all streams again after a new link or a reboot."""
         self._since = None
 
     def denied(self, result: CommandResult) -> None:
-        """The vehicle denied a stream: asking again would only fill the link. An older request is used if it does not
-        know this one."""
+        """Stop requesting a stream that the vehicle denied, to save bandwidth.
+
+        If it does not support SET_MESSAGE_INTERVAL, group requests are used instead.
+        """
         if stream := self._streams.get(int(result.command.params[0])):
             stream.denied = True
             self.by_group |= result.result == dialect.MAV_RESULT_UNSUPPORTED
 
     def group_requests(self, target: Ids, now: float) -> list[Message]:
-        """The older requests due now, for groups in which a stream is missing. Nothing acknowledges them."""
+        """Return the unacknowledged REQUEST_DATA_STREAM messages due now, for groups with a missing stream."""
         if not self.by_group or now < self._group_due:
             return []
         missing = {
@@ -263,7 +271,7 @@ class StreamRequests:
         return [dialect.MAVLink_request_data_stream_message(*target, group, ceil(hz), 1) for group, hz in rates.items()]
 
     def poll(self, now: float) -> list[Command]:
-        """The requests due now."""
+        """Return the requests due now."""
         if self._since is None:
             self._since = now
             self._streams = {message_id: _Stream(stream.wanted) for message_id, stream in self._streams.items()}
@@ -280,15 +288,15 @@ class StreamRequests:
         return requests
 
     def give_back(self) -> list[Command]:
-        """The requests that restore the vehicle's own rates."""
+        """Return the requests that restore the vehicle's own rates."""
         return [Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (message_id, 0)) for message_id in self._streams]
 
 
 def _flows(stream: _Stream) -> bool:
-    """True if a stream comes about as fast as is wanted."""
+    """True if a stream arrives with at least LOW times the requested rate."""
     return stream.rate is not None and stream.rate >= LOW * stream.wanted
 
 
 def _interval(message_id: int, rate: float) -> Command:
-    """MAV_CMD_SET_MESSAGE_INTERVAL: p1 id, p2 microseconds."""
+    """Return a MAV_CMD_SET_MESSAGE_INTERVAL: p1 message id, p2 interval in microseconds."""
     return Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (message_id, round(1e6 / rate)))

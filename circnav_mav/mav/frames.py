@@ -1,7 +1,7 @@
-"""The one place where signs and frames change. Each function is named by the frames it joins.
+"""Conversions between frames and sign conventions. Each function is named after its two frames.
 
-Guidance turns counter-clockwise positive (the paper: x east, y north, angles from x). MAVLink yaws clockwise positive
-(NED: heading from north). No other module negates an angle or a turn rate.
+Guidance: counter-clockwise positive (the paper: x east, y north, angles from x). MAVLink: clockwise positive (NED:
+heading from north). No other module negates an angle or a turn rate.
 """
 
 from collections.abc import Sequence
@@ -17,55 +17,63 @@ YawRate = NewType("YawRate", float)
 
 
 def yaw_rate_from_turn_rate(turn_rate: TurnRate) -> YawRate:
-    """Counter-clockwise positive to clockwise positive, rad/s."""
+    """Convert counter-clockwise positive to clockwise positive, rad/s."""
     return YawRate(-turn_rate)
 
 
 def turn_rate_from_yaw_rate(yaw_rate: YawRate) -> TurnRate:
-    """Clockwise positive to counter-clockwise positive, rad/s."""
+    """Convert clockwise positive to counter-clockwise positive, rad/s."""
     return TurnRate(-yaw_rate)
 
 
 def course_from_yaw(yaw: float) -> float:
-    """NED heading (clockwise from north) to the paper's psi (counter-clockwise from east), rad in (-pi, pi]; of arrays,
-    too."""
+    """Convert a NED heading (clockwise from north) to the paper's psi (counter-clockwise from east), rad in (-pi, pi].
+
+    Accepts arrays.
+    """
     return pi - (pi / 2 + yaw) % (2 * pi)
 
 
 def push_from_tilt(roll: float, pitch: float, psi: float) -> tuple[float, float]:
-    """Horizontal acceleration (m/s^2; x, y in the paper's frame) of a thrust that carries the weight, by roll (right
-    positive) and pitch (nose up positive), rad, with the nose at psi in the paper's frame."""
+    """Return the horizontal acceleration (m/s^2; x, y in the paper's frame) of a thrust that balances the weight.
+
+    roll: right positive, rad. pitch: nose up positive, rad. psi: direction of the nose in the paper's frame, rad.
+    """
     forward, right = -GRAVITY * tan(pitch), GRAVITY * tan(roll) / cos(pitch)
     return vector_from_level(forward, right, psi)
 
 
 def level_from_body(force: tuple[float, float, float], roll: float, pitch: float) -> tuple[float, float]:
-    """Horizontal acceleration forward and to the right of the nose (m/s^2) of a specific force in the body frame
-    (forward, right, down, m/s^2; gravity has no horizontal part) at that roll and pitch, rad."""
+    """Return the horizontal acceleration (forward, right of the nose, m/s^2) for a specific force in the body frame.
+
+    force: forward, right, down, m/s^2. roll, pitch: rad. Gravity has no horizontal component.
+    """
     x, y, z = force
     return cos(pitch) * x + sin(pitch) * (sin(roll) * y + cos(roll) * z), cos(roll) * y - sin(roll) * z
 
 
 def body_from_level(forward: float, right: float, roll: float, pitch: float) -> tuple[float, float, float]:
-    """A horizontal vector (forward, right of the nose) in the body frame (forward, right, down) of a vehicle at that
-    roll and pitch, rad: rotated back by the whole attitude, it is level again."""
+    """Return a horizontal vector (forward, right of the nose) in the body frame (forward, right, down).
+
+    roll, pitch: rad. Rotation back by the whole attitude gives the horizontal vector again.
+    """
     x, z = forward * cos(pitch), forward * sin(pitch)
     return x, right * cos(roll) + z * sin(roll), z * cos(roll) - right * sin(roll)
 
 
 def vector_from_level(forward: float, right: float, psi: float) -> tuple[float, float]:
-    """A horizontal vector (forward, right of the nose) in the paper's frame, the nose at psi in it."""
+    """Return a horizontal vector (forward, right of the nose) in the paper's frame. psi: direction of the nose, rad."""
     return forward * cos(psi) + right * sin(psi), forward * sin(psi) - right * cos(psi)
 
 
 def compass_from_vector(x: float, y: float) -> float:
-    """Direction of a vector in the paper's frame (x east, y north) as a compass bearing: rad in [0, 2 pi), clockwise
-    from north."""
+    """Return the compass bearing of a vector in the paper's frame (x east, y north): rad in [0, 2 pi), clockwise from
+    north."""
     return atan2(x, y) % (2 * pi)
 
 
 def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
-    """MAVLink's q (w, x, y, z) of Euler angles in rad, NED, applied yaw, pitch, roll."""
+    """Return MAVLink's q (w, x, y, z) for Euler angles in rad, NED, applied in the order yaw, pitch, roll."""
     cr, sr = cos(roll / 2), sin(roll / 2)
     cp, sp = cos(pitch / 2), sin(pitch / 2)
     cy, sy = cos(yaw / 2), sin(yaw / 2)
@@ -78,7 +86,7 @@ def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> tuple[float,
 
 
 def euler_from_quaternion(q: Sequence[float]) -> tuple[float, float, float]:
-    """Roll, pitch and yaw in rad, NED, of MAVLink's q (w, x, y, z)."""
+    """Return roll, pitch and yaw in rad, NED, for MAVLink's q (w, x, y, z)."""
     w, x, y, z = q
     return (
         atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),

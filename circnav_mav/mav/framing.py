@@ -1,7 +1,7 @@
-"""Where MAVLink frames lie in bytes, and whether they are good: the rules of https://mavlink.io/en/guide/serialization.html.
+"""Finding and checking MAVLink frames in bytes, by https://mavlink.io/en/guide/serialization.html.
 
-pymavlink's own stream parser throws away the claimed length of a bad frame, and with it the good frames inside; here a
-bad start is stepped over by one byte, so that a stray byte costs nothing.
+pymavlink's stream parser skips the whole claimed length of a bad frame, and loses the valid frames inside. This module
+skips one byte after a bad start, so that a stray byte loses no frame.
 """
 
 import re
@@ -13,12 +13,12 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import all as dialect
 
 V1, V2 = 0xFE, 0xFD
-"""First bytes of frames of MAVLink 1 and 2."""
+"""First byte of MAVLink 1 and MAVLink 2 frames."""
 MAGICS = (V1, V2)
 SIGNED = 0x01
 """Incompatibility flag of a signed frame."""
 CRC, SIGNATURE = 2, 13
-"""Lengths of the tails of a frame, bytes."""
+"""Lengths of the checksum and of the signature at the end of a frame, bytes."""
 _HEADER_1 = Struct("<xBxBBB")
 _HEADER_2 = Struct("<xBBxxBBHB")
 HEADERS = {V1: _HEADER_1, V2: _HEADER_2}
@@ -30,7 +30,7 @@ def _one_of(numbers: Iterable[int]) -> bytes:
 
 
 def _known_start() -> re.Pattern[bytes]:
-    """Finds the bytes at which a header of a known id starts; a look ahead, so that starts may lie inside others."""
+    """Return a pattern for the start of a header with a known id. Its lookahead permits overlapping matches."""
     pages = groupby(sorted(_EXTRA), key=lambda ident: ident >> 8)
     idents = (_one_of(ident & 0xFF for ident in page) + re.escape(high.to_bytes(2, "little")) for high, page in pages)
     version_2 = b"\\xfd(?=.[\\x00\\x01].{4}(?:" + b"|".join(idents) + b"))"
@@ -39,14 +39,17 @@ def _known_start() -> re.Pattern[bytes]:
 
 
 _crc: Callable[[bytes], int] = dialect.mcrf4xx or (lambda data: int(dialect.x25crc(data).crc))
-"""CRC of MAVLink: what pymavlink itself takes, None where its package for it is missing."""
+"""CRC function of MAVLink: the compiled one that pymavlink uses, or pymavlink's own if that package is missing."""
 _START = re.compile(_one_of(MAGICS))
 _KNOWN_START = _known_start()
 
 
 class Frame(NamedTuple):
-    """A frame as its header tells it. end: behind its last byte, past the buffer where not all of it is there.
-    ident, system, component: of the message and its sender, 0 where not even the header is there."""
+    """A frame as described by its header.
+
+    end: index after its last byte, beyond the buffer if the frame is incomplete. ident, system, component: ids of the
+    message and its sender, 0 if the header is incomplete.
+    """
 
     start: int
     end: int
@@ -57,12 +60,12 @@ class Frame(NamedTuple):
 
     @property
     def known(self) -> bool:
-        """Whether the dialect knows the message."""
+        """True if the message is in the dialect."""
         return self.ident in _EXTRA
 
 
 def frame_at(buffer: bytes, at: int) -> Frame | None:
-    """The frame that starts here, as far as its header claims; None: no frame starts here."""
+    """Return the frame that starts here according to its header, or None."""
     magic, left = buffer[at], len(buffer) - at
     if magic not in MAGICS or (magic == V2 and left > 2 and buffer[at + 2] & ~SIGNED):
         return None
@@ -77,20 +80,22 @@ def frame_at(buffer: bytes, at: int) -> Frame | None:
 
 
 def next_start(buffer: bytes, at: int) -> int:
-    """The first byte from here on that can begin a frame, or the end."""
+    """Return the index of the next byte that can begin a frame, or the length of the buffer."""
     found = _START.search(buffer, at)
     return len(buffer) if found is None else found.start()
 
 
 def must_wait(buffer: bytes, frame: Frame) -> bool:
-    """Whether a stream has not yet shown all that decides on this frame: the rest of it, or, for an unknown id, the
-    byte behind it."""
+    """True if more bytes of a stream are needed: the rest of the frame or, for an unknown id, the byte after it."""
     return frame.end > len(buffer) or (frame.end == len(buffer) and not frame.known)
 
 
 def is_good(buffer: bytes, frame: Frame) -> bool:
-    """Whether a good frame lies here: its CRC is right, or, for an id that the dialect does not know and whose CRC
-    cannot be told, another frame or the end follows and no good frame lies inside."""
+    """True if the frame is valid: its CRC is correct.
+
+    The CRC of an id outside the dialect cannot be checked. Such a frame is valid if another frame or the end follows
+    and it contains no valid frame.
+    """
     if frame.end > len(buffer):
         return False
     if frame.known:
@@ -98,14 +103,14 @@ def is_good(buffer: bytes, frame: Frame) -> bool:
         return _crc(buffer[frame.start + 1 : tail] + _EXTRA[frame.ident]) == buffer[tail] | buffer[tail + 1] << 8
     if frame.end < len(buffer) and buffer[frame.end] not in MAGICS:
         return False
-    # a flood of unknown ids is mostly read here: the pattern passes over what is not even a header at next to no cost
+    # a flood of unknown ids spends most of its time here: the pattern skips bytes without a header at little cost
     starts = _KNOWN_START.finditer(buffer, frame.start + 1, frame.end + _HEADER_2.size - 1)
     inside = (frame_at(buffer, found.start()) for found in starts if found.start() < frame.end)
     return not any(one is not None and is_good(buffer, one) for one in inside)
 
 
 def as_version_2(frame: bytes) -> bytes:
-    """Convert a good MAVLink 1 frame to MAVLink 2; return any other frame as it is."""
+    """Convert a valid MAVLink 1 frame to MAVLink 2. Return any other frame unchanged."""
     found = frame_at(frame, 0)
     if found is None or frame[0] != V1 or not found.known or not is_good(frame, found):
         return frame
@@ -116,7 +121,7 @@ def as_version_2(frame: bytes) -> bytes:
 
 
 def split_frames(data: bytes) -> list[bytes]:
-    """Our own output cut into its frames; it is whole by construction."""
+    """Return the frames in our own output, which contains only complete frames."""
     frames, at = [], 0
     while at < len(data) and (frame := frame_at(data, at)) is not None:
         frames.append(data[at : frame.end])

@@ -1,4 +1,4 @@
-"""Identity of our vehicle: the sender of the first HEARTBEAT that fits the mission, and the address it sends from."""
+"""Identity of our vehicle: ids and address of the sender of the first HEARTBEAT that fits the mission."""
 
 from collections import Counter
 from collections.abc import Callable, Hashable, Mapping
@@ -15,24 +15,24 @@ SPEAKS_1 = "speaks MAVLink 1 only: set its port to MAVLink 2 (ArduPilot: SERIALn
 AUTOPILOT_COMPONENT = dialect.MAV_COMP_ID_AUTOPILOT1
 NO_AUTOPILOT = (dialect.MAV_AUTOPILOT_INVALID, dialect.MAV_AUTOPILOT_GENERIC)
 MOVES_AFTER = 1.5
-"""Silence of the vehicle's address, s, after which another address may become the vehicle's. Any message counts."""
+"""Silence of the vehicle's address, s, after which the vehicle may move to another one. Any message ends it."""
 PROOF_LASTS = 2.0
-"""Time, s, for which a proof of the vehicle's identity counts: two heartbeats of PX4."""
+"""Time, s, for which a proof of the vehicle's identity is valid: two heartbeats of PX4."""
 MOST_MISFITS = 16
-"""Senders that do not fit and are kept for the message to the operator: bounds what a hostile link can fill."""
+"""Rejected senders kept for the operator's message: bounds the memory that a hostile link can fill."""
 FLOODED = 3.0
-"""Time, s, since something was last left unread, after which a flood is over."""
+"""Time after the last dropped bytes, s, at which a flood is over."""
 RIVAL_KEPT = 5.0
-"""Time, s, for which a second sender counts as there: longer than the pauses between the heartbeats of a lossy link."""
+"""Time, s, for which a second sender is reported: longer than heartbeat gaps on a lossy link."""
 STRANGERS_RATE, STRANGERS_BURST = 64_000.0, 32_000.0
-"""Bytes a second, and at once, that are read of senders that are not trusted, while the vehicle is there: several other
-vehicles say less. In the worst case they take 2 % of the processor's time, and leave the socket to the vehicle."""
+"""Limits for untrusted senders while the vehicle is connected: bytes per second, and bytes at once. Several other
+vehicles send less. In the worst case they use 2 % of the processor time, and leave the socket to the vehicle."""
 VEHICLE_NAME, OUR_NAME, RADIO_NAME = "the vehicle", "circnav", "the ranging radio"
-"""Whose name a second sender uses, for people."""
+"""Identities that a second sender may use, in messages to the operator."""
 
 
 class Sender(NamedTuple):
-    """Whose name a message came in, and from where."""
+    """Sender of a message: its MAVLink ids and its address."""
 
     system: int
     component: int
@@ -47,7 +47,7 @@ class Sender(NamedTuple):
 
 
 def spelt(source: Hashable) -> str:
-    """An address as endpoints are written; what is no address of a socket as it is."""
+    """Return a socket address in endpoint notation, or any other source as text."""
     if not isinstance(source, tuple):
         return str(source)
     host, port = source[:2]
@@ -56,25 +56,27 @@ def spelt(source: Hashable) -> str:
 
 @dataclass(frozen=True, slots=True)
 class LinkSettings:
-    """system_id: of the vehicle, None for the first that fits. component_id: ours, 191..194."""
+    """system_id: the vehicle's, None for the first that fits. component_id: our own, 191 to 194."""
 
     system_id: int | None = None
     component_id: int = 191
 
 
 class Rivals:
-    """Second senders: who says from elsewhere what counts from one address only. By whose name is used: the vehicle's,
-    ours, the ranging radio's."""
+    """Second senders: they use the identity of a trusted sender from another address.
+
+    The identity is the vehicle's, our own or the ranging radio's.
+    """
 
     def __init__(self) -> None:
         self._newest: dict[str, tuple[Sender, Sender, float]] = {}
-        """By name: the rival, the trusted one, and when the rival was last heard."""
+        """Second sender, trusted sender and time of the last message, s, by identity."""
 
     def heard(self, name: str, rival: Sender, trusted: Sender, now: float) -> None:
         self._newest[name] = (rival, trusted, now)
 
     def recent(self, now: float) -> list[str]:
-        """What the operator is told, a line for each name."""
+        """Return one line per identity for the operator."""
         return [
             f"{name} has a second sender: {rival} is rejected, {trusted} counts"
             for name, (rival, trusted, at) in self._newest.items()
@@ -83,20 +85,20 @@ class Rivals:
 
 
 class Allowance:
-    """How much of strangers is read, so that a flood of theirs leaves the time to hear the vehicle."""
+    """Byte budget for untrusted senders, so that a flood does not block the vehicle's messages."""
 
     def __init__(self) -> None:
         self._left, self._at = STRANGERS_BURST, 0.0
         self.dropped = 0
-        """Bytes that were not read."""
+        """Bytes that were dropped."""
         self.dropped_at = float("-inf")
 
     def flooded(self, now: float) -> bool:
-        """True if something was left unread lately."""
+        """True if bytes were dropped within the last FLOODED seconds."""
         return now - self.dropped_at < FLOODED
 
     def take(self, size: int, now: float) -> bool:
-        """Whether so many bytes more may be read."""
+        """Return True if this number of bytes may be read, and deduct it from the budget."""
         self._left = min(self._left + STRANGERS_RATE * (now - self._at), STRANGERS_BURST)
         self._at = now
         if size > self._left:
@@ -107,63 +109,68 @@ class Allowance:
 
 
 class Identity:
-    """Keeps the vehicle's ids and address, the address to reply to, and the reasons why other senders are rejected.
+    """The vehicle's ids and address, the address to reply to, and the reasons why other senders are rejected.
 
-    While any message of the vehicle's system comes from its address, no other address is accepted. After a silence the
-    vehicle may send from another address if it reports the time since boot that it must have by then. Only before the
-    flight, a vehicle that was lost is found again as at the beginning: the power may have been off.
+    While messages of the vehicle's system arrive from its address, no other address is accepted. After a silence the
+    vehicle may send from another address if its time since boot is the expected one. Before the flight a lost vehicle
+    is found again without this proof: it may have been switched off.
     """
 
     def __init__(self, settings: LinkSettings, adapters: tuple[Autopilot, ...]) -> None:
-        """adapters: the vehicles that the mission allows; the pinned vehicle picks one."""
+        """adapters: the vehicles that the mission allows. The pinned vehicle selects one."""
         self._settings = settings
         self._adapters = adapters
         self.adapter = adapters[0]
         self.home: Sender | None = None
-        """The vehicle and its address, also while it is silent; None before it was found."""
+        """The vehicle and its address, kept while it is silent; None before it was found."""
         self.peer: Sender | None = None
-        """`home` while the vehicle reports its mode, else None."""
+        """`home` while the vehicle reports its mode, otherwise None."""
         self.reply_to: Hashable = None
         self.stays = False
-        """True if the vehicle was steered: from then on another address needs proof, however long the silence."""
+        """True once the vehicle was steered. From then on another address needs proof after any silence."""
         self.since = 0.0
-        """Time when the vehicle was found, or found again after a silence, s."""
+        """Time at which the vehicle was found, or found again after a silence, s."""
         self._heard_at = float("-inf")
         """Time of the newest message of the vehicle's system from its address, s."""
         self._proven: tuple[Hashable, float] = (None, float("-inf"))
-        """The newest other address that has proven to be the vehicle's, and when, s."""
+        """Newest other address that was proven to be the vehicle's, and the time of the proof, s."""
         self.ignored: Counter[str] = Counter()
         self.vehicles: dict[int, Hashable] = {}
-        """Systems that have sent an autopilot's heartbeat, and the address of the newest one."""
+        """Address of the newest autopilot heartbeat, by system id."""
         self.misfits: dict[Ids, str] = {}
         self.rivals = Rivals()
 
     @property
     def strangers(self) -> Mapping[int, Hashable]:
-        """Systems of other vehicles and their addresses; empty before the vehicle was found."""
+        """Addresses of other vehicles by system id; empty before our vehicle was found."""
         home = self.home
         return {} if home is None else {one: at for one, at in self.vehicles.items() if one != home.system}
 
     def greet(self, source: Hashable, now: float) -> None:
-        """Reply to a sender that cannot be accepted yet, unless another address is the vehicle's: one that sends
-        MAVLink 1 may switch to 2, one whose signing clock is behind (no GPS) adopts our timestamp."""
+        """Reply to a sender that cannot be accepted yet, unless the vehicle has another address.
+
+        A MAVLink 1 sender may switch to MAVLink 2. A sender whose signing clock is behind (no GPS) adopts
+        our timestamp.
+        """
         if self._may_be_at(source, now):
             self.reply_to = source
 
     def receive(
         self, message: Message, source: Hashable, now: float, *, continues: Callable[[Message, float], bool]
     ) -> bool:
-        """True if a message is our vehicle's. Only a HEARTBEAT pins it, or moves it to another address. Other senders
-        of its ids, and heartbeats of other vehicles, are counted. continues: True if a message carries the time since
-        boot that the vehicle must have by now."""
+        """Return True if a message is from our vehicle. Only a HEARTBEAT pins it, or moves it to another address.
+
+        Other senders with its ids, and heartbeats of other vehicles, are counted. continues: True if a message carries
+        the expected time since boot.
+        """
         who, is_heartbeat, home = Sender(*ids(message), source), message.get_type() == "HEARTBEAT", self.home
-        # A radio, gimbal or companion that was left at the ids 1/1 shares them with the vehicle, often behind the same
-        # router. Its heartbeat has a mode and an armed flag of its own: 0, which looks like a takeover.
+        # A radio, gimbal or companion with the default ids 1/1 shares them with the vehicle, often behind the same
+        # router. Its heartbeat has its own mode and armed flag, both 0, which looks like a takeover.
         if is_heartbeat and who == self.peer and message.autopilot == dialect.MAV_AUTOPILOT_INVALID:
             self.ignored["no_autopilot"] += 1
             return False
         if is_heartbeat and who.component == AUTOPILOT_COMPONENT and message.autopilot not in NO_AUTOPILOT:
-            self.vehicles[who.system] = source  # else it is a radio with a heartbeat
+            self.vehicles[who.system] = source  # otherwise it is a radio with a heartbeat
         if home is not None and (who.system, source) == (home.system, home.source):
             self._heard_at = now
         silent = now - self._heard_at > MOVES_AFTER
@@ -174,7 +181,7 @@ class Identity:
             self._consider(message, who, now)
         if who == self.peer:
             return True
-        # A vehicle that moves sends a few other messages before its first heartbeat: these are no second sender's.
+        # A vehicle that changes its address sends a few messages before its first heartbeat: no second sender.
         if home is not None and who.ids == home.ids and source != home.source and (is_heartbeat or not silent):
             self.rivals.heard(VEHICLE_NAME, who, home, now)
         if is_heartbeat and self.peer is not None and message.autopilot != dialect.MAV_AUTOPILOT_INVALID:
@@ -192,7 +199,7 @@ class Identity:
         return found_anew or (source == address and now - at <= PROOF_LASTS)
 
     def _consider(self, heartbeat: Message, who: Sender, now: float) -> None:
-        """Pin the sender of this heartbeat if it is the vehicle that the mission means; else note the reason."""
+        """Pin the sender of this heartbeat if it is the mission's vehicle. Otherwise record the reason."""
         if heartbeat.autopilot == dialect.MAV_AUTOPILOT_INVALID or heartbeat.type == dialect.MAV_TYPE_GCS:
             return
         adapter = next((one for one in self._adapters if _fits(one, heartbeat)), None)
@@ -209,7 +216,7 @@ class Identity:
     def _misfit(self, heartbeat: Message, who: Sender, adapter: Autopilot | None, now: float) -> str:
         """Return why this is not our vehicle, human-readable; empty if it is."""
         wanted, system = self._settings.system_id, f"system {who.system}"
-        if who.system == 0:  # what is said to 0 is said to everybody
+        if who.system == 0:  # 0 is the broadcast address
             return f"{system} is no id of a vehicle: set its system id to 1 .. 255"
         if self.home is not None and who.ids != self.home.ids:
             return f"{system} is not the vehicle heard first, system {self.home.system}"
@@ -231,7 +238,7 @@ def _fits(adapter: Autopilot, heartbeat: Message) -> bool:
 
 
 def describe_vehicle(heartbeat: Message) -> str:
-    """Autopilot and vehicle type of a HEARTBEAT in words."""
+    """Return autopilot and vehicle type of a HEARTBEAT, human-readable."""
     kinds = (("MAV_AUTOPILOT", heartbeat.autopilot), ("MAV_TYPE", heartbeat.type))
     entries = (dialect.enums[name].get(value) for name, value in kinds)
     return " ".join(entry.name.split("_", 2)[-1].lower() if entry else "unknown" for entry in entries)

@@ -1,8 +1,7 @@
-"""The vehicle's own motion without position: attitude, heading rate, airspeed, height, measured accelerations. Never a
-position or a velocity that the autopilot worked out.
+"""The vehicle's own motion without position: attitude, heading rate, airspeed, height and measured accelerations.
 
-Read from ATTITUDE or ATTITUDE_QUATERNION, VFR_HUD (of which the ground speed is not read) and the IMU messages. A value
-that is missing or older than its bound is None; who needs it says so.
+The position and the velocity that the autopilot estimates are never used. Sources: ATTITUDE or ATTITUDE_QUATERNION,
+VFR_HUD (except its ground speed) and the IMU messages. A value that is missing or older than its bound is None.
 """
 
 from collections import deque
@@ -24,47 +23,50 @@ from circnav_mav.mav.frames import (
 )
 
 MOST_TILT = 1.2
-"""Tilt, rad, beyond which no turn is coordinated and no thrust carries the weight any more."""
+"""Largest tilt, rad, used in calculations. Beyond it turns are not coordinated and thrust does not hold the weight."""
 ATTITUDE_MAX_AGE = 0.5
-"""Age, s, from which on an attitude is none: the age of a stale range, ten messages at 20 Hz."""
+"""Oldest attitude that is used, s: the age of a stale range, ten messages at 20 Hz."""
 AIR_MAX_AGE = 1.5
-"""Age, s, from which on an airspeed is none; chosen, it comes more seldom than the attitude."""
+"""Oldest airspeed that is used, s; chosen, it is sent less often than the attitude."""
 MOST_LATE = 0.4
-"""Longest time on the way, s, that an attitude is believed to have had; less than ATTITUDE_MAX_AGE, so that a clock
-that was set anew never takes the heading away."""
+"""Longest plausible link delay of an attitude, s. Less than ATTITUDE_MAX_AGE, so that the heading stays available when
+the vehicle's clock is reset."""
 JUMP = 0.5
-"""Step back of the vehicle's clock, s, that shows that it was set anew. At most ATTITUDE_MAX_AGE: a single stamp of the
-future makes all others older than the newest."""
+"""Backward step of the vehicle's clock, s, that counts as a clock reset. At most ATTITUDE_MAX_AGE: after a single stamp
+from the future, all later stamps look older than the newest."""
 MOST_ANGLE, MOST_RATE, MOST_AIRSPEED, MOST_ALTITUDE = 6.3, 50.0, 200.0, 1e5
-"""Magnitudes, rad, rad/s, m/s and m, beyond which a value is no measurement of a vehicle that we steer, but rubbish."""
+"""Largest plausible magnitudes of a measurement, rad, rad/s, m/s and m. Larger values are discarded."""
 NO_ROTATION = 0.1
-"""A quaternion whose length differs by more from 1 is no attitude."""
+"""Largest deviation of a quaternion's norm from 1. A quaternion beyond it is discarded."""
 FLOWN_ALTITUDES = -500.0, 6_000.0
-"""Altitudes, m, whose thin air is believed."""
+"""Range of altitudes, m, for which the air density is corrected. Others are clipped to it."""
 YAW_JUMP = 0.35
-"""Difference, rad, between a yaw and the one before carried on by the turn rates, from which on the autopilot has set
-its yaw anew. Real turns stay far below: a change by 90 deg/s within 0.1 s makes 0.08 rad."""
+"""Difference between the reported and the predicted yaw, rad, above which the autopilot has reset its yaw. Real turns
+stay far below: a change of 90 deg/s within 0.1 s gives 0.08 rad."""
 LONGEST_CARRIED = 0.5
-"""Longest time, s, over which a yaw is carried on for this comparison."""
+"""Longest time, s, over which a yaw is predicted for this comparison."""
 FEWEST, FEWEST_WITHIN = 4, 3.0
-"""Fewer attitudes than so many within so many seconds are too few: circnav asks for ten and more per second."""
+"""Least number of attitudes within this time, s, that is enough. circnav requests ten and more per second."""
 REPEATED = 0.2
-"""The same stamp again within this time, s, is the same attitude again; later, it is a clock that stands still."""
+"""Within this time, s, an equal stamp is a repeated message. Later, the vehicle's clock has stopped."""
 ACCELERATIONS = {"HIGHRES_IMU": 1.0, "RAW_IMU": GRAVITY / 1000, "SCALED_IMU": GRAVITY / 1000}
-"""Message types by preference, and what their numbers are multiplied by, m/s^2."""
+"""Unit of the raw acceleration, m/s^2, by message type."""
 LONGEST_STEP = 0.2
-"""Longest time between two measurements, s, over which they are integrated: 5 Hz. After a longer one it begins anew."""
+"""Longest gap between two accelerations, s, that is integrated over: 5 Hz. After a longer one the integral restarts."""
 OLDEST_ATTITUDE = 0.2
-"""Oldest attitude that turns them level, s."""
+"""Oldest attitude, s, used to rotate accelerations to the horizontal."""
 MOST_FORCE = 16 * GRAVITY
 """Full scale of autopilots' accelerometers, m/s^2."""
 OTHER_SOURCE = 2.0
-"""Time, s, after which another message type is taken when the first one has ended."""
+"""Silence of one IMU message type, s, after which another type is used."""
 
 
 class Motion(NamedTuple):
-    """roll, pitch, yaw: rad, NED (yaw clockwise from north). yaw_rate: heading rate, rad/s, clockwise positive.
-    airspeed: m/s, indicated. altitude: m above sea level. climb: m/s, up positive. None: not known now."""
+    """Newest attitude and air data. None: unknown now.
+
+    roll, pitch, yaw: rad, NED (yaw clockwise from north). yaw_rate: heading rate, rad/s, clockwise positive.
+    airspeed: indicated, m/s. altitude: m above sea level. climb: m/s, up positive.
+    """
 
     roll: float | None = None
     pitch: float | None = None
@@ -75,8 +77,10 @@ class Motion(NamedTuple):
     climb: float | None = None
 
     def true_airspeed(self, indicated: float) -> float:
-        """Of an indicated one, m/s: by the density of the standard atmosphere (ISO 2533) at this altitude; the
-        indicated one where the altitude is not known."""
+        """Return the true airspeed for an indicated one, m/s, from the standard atmosphere's density (ISO 2533).
+
+        Without an altitude it is the indicated airspeed.
+        """
         if self.altitude is None:
             return indicated
         lowest, highest = FLOWN_ALTITUDES
@@ -85,7 +89,7 @@ class Motion(NamedTuple):
 
 
 class Attitude(NamedTuple):
-    """As in an ATTITUDE: time (s, the vehicle's clock), roll, pitch, yaw (rad, NED), body rates p, q, r (rad/s)."""
+    """Fields of an ATTITUDE: time (s, the vehicle's clock), roll, pitch, yaw (rad, NED), body rates p, q, r (rad/s)."""
 
     time: float
     roll: float
@@ -99,12 +103,12 @@ class Attitude(NamedTuple):
     def yaw_rate(self) -> YawRate:
         """Heading rate, rad/s clockwise positive: (q sin(roll) + r cos(roll))/cos(pitch).
 
-        ATTITUDE.yawspeed is the body z rate r: taking it for the heading rate cost 7 m of radius in flight.
+        ATTITUDE.yawspeed is the body z rate r. Used as the heading rate, it caused a radius error of 7 m in flight.
         """
         return YawRate((self.q * sin(self.roll) + self.r * cos(self.roll)) / max(cos(self.pitch), 0.1))
 
     def at(self, time: float) -> tuple[float, float, float]:
-        """Roll, pitch and yaw at another moment, by the rates."""
+        """Return roll, pitch and yaw at another time, extrapolated with the rates."""
         dt, up = time - self.time, tan(min(max(self.pitch, -1.2), 1.2))
         roll_rate = self.p + (self.q * sin(self.roll) + self.r * cos(self.roll)) * up
         pitch_rate = self.q * cos(self.roll) - self.r * sin(self.roll)
@@ -112,32 +116,32 @@ class Attitude(NamedTuple):
 
 
 class OwnMotionSensor:
-    """Keeps the newest own motion, and forgets what is stale.
+    """Newest own motion of the vehicle, without stale values.
 
-    An attitude counts from when it was measured, by the vehicle's own clock: on the way it may have waited, or been
-    overtaken, and a heading that is .2 s off in time is a path that nobody flew.
+    The age of an attitude counts from its measurement, by the vehicle's own clock. On the link a message may be delayed
+    or reordered, and a heading with a time error of 0.2 s distorts the reconstructed path.
     """
 
     def __init__(self, slower: Slower = nobody_tells) -> None:
-        """slower: tells of the vehicle's link."""
+        """slower: delay increase of the vehicle's link."""
         self._body: Attitude | None = None
-        """The newest attitude, its yaw without the jumps that do not count."""
+        """Newest attitude, its yaw without resets by the autopilot."""
         self._turned = Motion()
-        """Of the newest attitude."""
+        """Roll, pitch, yaw and yaw rate of the newest attitude, as reported."""
         self._attitude_at = float("-inf")
         self._received: deque[float] = deque([float("-inf")] * FEWEST, maxlen=FEWEST)
-        """Times at which the newest attitudes arrived, s."""
+        """Arrival times of the newest attitudes, s."""
         self.keeps_heading = False
-        """True while the vehicle is steered: then a jump of the yaw is no turn."""
+        """True while the vehicle is steered: a yaw jump is then a reset, not a turn."""
         self.jumped = 0.0
-        """Sum of the jumps of the yaw that do not count, rad, clockwise positive."""
+        """Sum of the autopilot's yaw resets while steered, rad, clockwise positive."""
         self._air = Motion()
         self._air_at = float("-inf")
         self._accelerations = Accelerations()
         self._clock = StampFilter(slower, wrap=BOOT_WRAP, jump=JUMP)
 
     def receive(self, message: Message, now: float) -> bool:
-        """Take one message of the pinned vehicle in; tells whether it was a usable attitude, newer than all before."""
+        """Process one message of the pinned vehicle. Return True if it was a usable attitude, newer than all before."""
         if message.get_type() == "VFR_HUD":
             self._air = Motion(
                 airspeed=_real(message.airspeed, MOST_AIRSPEED, above=0.0),
@@ -166,12 +170,12 @@ class OwnMotionSensor:
         return True
 
     def seldom(self, now: float) -> bool:
-        """True if no attitudes come, or too few to know how the vehicle turns."""
+        """True if attitudes are missing, or too few to follow the vehicle's turns."""
         return now - self._received[0] > FEWEST_WITHIN
 
     def _watch_yaw(self, body: Attitude, now: float) -> None:
-        """Find out whether the yaw has jumped. The EKF of an autopilot sets its yaw anew in flight, by up to 180 deg,
-        when compass and GPS disagree. The vehicle has not turned: its path through the air goes on as before."""
+        """Detect a yaw reset. An autopilot's EKF resets its yaw in flight, by up to 180 deg, when compass and GPS
+        disagree. The vehicle itself has not turned."""
         before, step = self._body, now - self._received[-1]
         if before is not None and body.time > before.time:
             step = body.time - before.time
@@ -183,15 +187,17 @@ class OwnMotionSensor:
             self.jumped = remainder(self.jumped + jump, tau)
 
     def _measured(self, stamp_ms: int, now: float) -> float | None:
-        """When an attitude was measured, in our time; None for one that is not newer than the newest."""
+        """Return the local time at which an attitude was measured, s, or None if it is not newer than the newest."""
         clock = self._clock
         stamp = clock.unwrapped(stamp_ms / 1000)
         order = clock.order(stamp, now)
+        # A stopped clock repeats its stamp. After REPEATED, use the arrival time instead.
         if order is Order.REPEATED:
             return now if now - clock.newest_at > REPEATED else None
         if order in (Order.OLDER, Order.JUMPED):
             return None
         measured = clock.local(stamp, now)
+        # Such a delay indicates a reset of the vehicle's clock. Restart the filter to keep the heading available.
         if now - measured > MOST_LATE:
             clock.reset()
             measured = clock.local(stamp, now)
@@ -199,8 +205,11 @@ class OwnMotionSensor:
         return measured
 
     def own(self, now: float, airspeed: float, *, banks: bool = False) -> OwnMotion | None:
-        """The motion as guidance sees it, at a true airspeed (m/s) that the caller stands for; None without attitude.
-        banks: whether the vehicle banks to turn; else it flies by its tilt."""
+        """Return the motion in guidance's frame, or None without an attitude.
+
+        airspeed: true, m/s, chosen by the caller. banks: True if the vehicle banks to turn. Otherwise its tilt
+        accelerates it.
+        """
         body = self._attitude(now)
         if body is None:
             return None
@@ -214,7 +223,7 @@ class OwnMotionSensor:
         return own._replace(push=push_from_tilt(roll, pitch, psi))
 
     def at(self, now: float) -> Motion:
-        """The motion as far as it is known at a moment."""
+        """Return the motion at this time, stale values as None."""
         air = self._air if now - self._air_at <= AIR_MAX_AGE else Motion()
         if self._attitude(now) is None:
             return air
@@ -226,8 +235,10 @@ class OwnMotionSensor:
 
 
 def _angles(message: Message) -> tuple[float, float, float] | None:
-    """Roll, pitch and yaw of an attitude, of either message; None of any other. A vehicle may send both: one of a
-    stamp is enough. A quaternion that is none gives NaN."""
+    """Return roll, pitch and yaw of either attitude message, or None for another message.
+
+    An invalid quaternion gives NaN. A vehicle may send both messages: one with each stamp is enough.
+    """
     if message.get_type() == "ATTITUDE":
         return message.roll, message.pitch, message.yaw
     if message.get_type() != "ATTITUDE_QUATERNION":
@@ -237,21 +248,23 @@ def _angles(message: Message) -> tuple[float, float, float] | None:
 
 
 def _real(value: float, most: float, above: float = float("-inf")) -> float | None:
-    """A value that can be, above a bound, else None: PX4's copter sends NaN airspeed, ArduPilot 0 before take-off."""
+    """Return a value within the bounds, or None. PX4's copter sends a NaN airspeed, ArduPilot 0 before take-off."""
     return value if abs(value) <= most and value > above else None
 
 
 class Accelerations:
-    """Integrates the specific force in the body frame (ArduPilot sends it in milli-g), turned level by the newest
-    attitude, carried on to the moment of the measurement: 1 deg of attitude is .17 m/s^2. After a gap, or what cannot
-    be, it begins anew: `felt` says since when."""
+    """Integral of the measured specific force, rotated to the horizontal (ArduPilot sends milli-g in the body frame).
+
+    The newest attitude is extrapolated to the time of the measurement: an attitude error of 1 deg is 0.17 m/s^2. After
+    a gap or an implausible value the integral restarts. `felt` holds its start time.
+    """
 
     def __init__(self) -> None:
         self._type, self._heard_at, self._time = "", float("-inf"), float("-inf")
         self.felt: FeltVelocity | None = None
 
     def receive(self, message: Message, attitude: Attitude | None, now: float) -> None:
-        """Take in one message of the vehicle, if it is one of accelerations."""
+        """Process one message of the vehicle. Messages without accelerations are ignored."""
         kind = message.get_type()
         if kind not in ACCELERATIONS or (kind != self._type and now - self._heard_at < OTHER_SOURCE):
             return

@@ -1,6 +1,6 @@
-"""The MAVLink parameter protocol for a few values of ours: listed, read and set from a ground station's editor.
+"""Server of the MAVLink parameter protocol: a ground station's editor lists, reads and sets a few of our values.
 
-Every value is a MAV_PARAM_TYPE_REAL32: ArduPilot and PX4 encode integers differently in PARAM_VALUE, floats alike.
+Every value is a MAV_PARAM_TYPE_REAL32. ArduPilot and PX4 encode integers differently in PARAM_VALUE, but not floats.
 """
 
 from collections import Counter
@@ -16,16 +16,16 @@ REAL32 = dialect.MAV_PARAM_TYPE_REAL32
 REQUESTS = frozenset(
     getattr(dialect, f"MAVLINK_MSG_ID_PARAM_{name}") for name in ("REQUEST_LIST", "REQUEST_READ", "SET")
 )
-"""Ids of the messages that ask for a parameter."""
+"""Ids of the messages that request or set parameters."""
 EVERY_COMPONENT = 0
 """Target component of a request to all components (MAVLink)."""
 MOST_AT_ONCE = 2
-"""Values sent in one step: a whole list at once would delay setpoints on a slow link."""
+"""Most values sent in one step. A whole list at once would delay setpoints on a slow link."""
 
 
 class Parameter(NamedTuple):
     """One value. name: at most 16 characters. read: returns the value in the parameter's unit. write: takes the new
-    value and the time (s), and returns why it is refused, empty if it is in use."""
+    value and the time (s), and returns the reason for a rejection, empty if it was accepted."""
 
     name: str
     read: Callable[[], float]
@@ -33,18 +33,20 @@ class Parameter(NamedTuple):
 
 
 class ParameterServer:
-    """Answers requests for parameters. What is to be sent is collected, and given out a little at a time."""
+    """Queue of answers to parameter requests, sent a few at a time."""
 
     def __init__(self, parameters: Sequence[Parameter]) -> None:
         self._parameters = tuple(parameters)
         self._index = {parameter.name: index for index, parameter in enumerate(self._parameters)}
         self._waiting: dict[int, None] = {}
-        """Indexes of the values to send, in the order of their requests; each once, however often it is requested."""
+        """Indexes of the values to send, in the order of their requests, without duplicates."""
         self.counts = Counter[str]()
 
     def receive(self, message: Message, us: Ids, refusal: str, now: float) -> str:
-        """Take in a request. us: system and component that are addressed. refusal: why no value may be set, empty if
-        it may. Return why this one was not set, empty otherwise."""
+        """Process a request. Return the reason why a value was not set, otherwise empty.
+
+        us: our own ids. refusal: reason why no value may be set now, empty if setting is permitted.
+        """
         component = message.target_component
         is_set = message.get_msgId() == dialect.MAVLINK_MSG_ID_PARAM_SET
         if message.target_system != us[0] or component not in (us[1], us[1] if is_set else EVERY_COMPONENT):
@@ -57,7 +59,7 @@ class ParameterServer:
         index = self._index.get(name) if by_index < 0 else by_index
         if index is None or not 0 <= index < len(self._parameters):
             return ""
-        self._waiting[index] = None  # the value in use is the answer to a PARAM_SET, whether it was taken or not
+        self._waiting[index] = None  # a PARAM_SET is answered with the value in use, accepted or not
         return self._set(self._parameters[index], message, refusal, now) if is_set else ""
 
     def _set(self, parameter: Parameter, message: Message, refusal: str, now: float) -> str:

@@ -1,7 +1,7 @@
-"""Reads parameters of the vehicle by name: PARAM_REQUEST_READ with retries, never a write.
+"""Reader of the vehicle's parameters by name: PARAM_REQUEST_READ with retries, never a write.
 
-An autopilot says nothing of a name that it does not know (ArduPilot 4.6, PX4), so a name that stays unanswered counts
-as unknown. Both queue some requests only (ArduPilot 20, with room for 5 answers): few are under way at a time.
+ArduPilot 4.6 and PX4 do not answer for an unknown name, so an unanswered name counts as unknown. Their request queues
+are short (ArduPilot: 20, with room for 5 answers), so few requests are pending at a time.
 """
 
 import struct
@@ -14,11 +14,11 @@ from circnav_mav.mav.framing import HEADERS
 from circnav_mav.mav.statustext import plain_text
 
 ANSWER_TIMEOUT = 0.7
-"""Time, s, until a parameter is asked for again; chosen."""
+"""Time, s, until a request is repeated; chosen."""
 TRIES = 3
-"""Times that a parameter is asked for; chosen."""
+"""Number of requests per parameter; chosen."""
 AT_ONCE = 5
-"""Parameters that are asked for at a time: a slow radio does not queue more."""
+"""Limit of pending requests: a slow radio does not queue more."""
 BY_NAME = -1
 """param_index of a request by name (MAVLink)."""
 _FORMATS = {
@@ -32,10 +32,11 @@ _FORMATS = {
 
 
 def parameter_value(message: Message, *, bytewise: bool) -> float:
-    """The number in a PARAM_VALUE. ArduPilot casts integers to float (C cast); PX4 puts their bytes in its place.
+    """Return the number in a PARAM_VALUE. bytewise: False for ArduPilot, which casts integers to float (C cast). True
+    for PX4, which sends their bytes in place of the float.
 
-    The bytes are taken from the frame, where they follow the header: a float that holds an integer may be a signalling
-    NaN, which Python changes on reading. (pymavlink's `get_payload` counts from the wrong place in MAVLink 2.)
+    The bytes are read from the frame after its header. A float that holds an integer may be a signaling NaN, which
+    Python changes on reading. (pymavlink's `get_payload` uses a wrong offset in MAVLink 2.)
     """
     layout = _FORMATS.get(message.param_type)
     if not bytewise or layout is None:
@@ -45,24 +46,24 @@ def parameter_value(message: Message, *, bytewise: bool) -> float:
 
 
 class ParameterReader:
-    """Asks for names until each is answered, or has stayed unanswered for all its tries."""
+    """Reader that requests each name until it is answered or its tries are used up."""
 
     def __init__(self, names: Iterable[str], *, bytewise: bool) -> None:
-        """bytewise: how integers travel, see `parameter_value`."""
+        """bytewise: encoding of integers, see `parameter_value`."""
         self._bytewise = bytewise
         self._waiting = list(dict.fromkeys(names))
         self._asked: dict[str, tuple[int, float]] = {}
-        """How often each name under way was asked for, and when it is due again, s."""
+        """Number of tries and time of the next one, s, by pending name."""
         self.values: dict[str, float] = {}
         self.unanswered: set[str] = set()
 
     @property
     def done(self) -> bool:
-        """Whether nothing more will be asked."""
+        """True if no requests are left."""
         return not self._waiting and not self._asked
 
     def receive(self, message: Message) -> None:
-        """Take in a PARAM_VALUE of our vehicle. Values that others have asked for are welcome, if wanted."""
+        """Process a PARAM_VALUE of our vehicle. Answers to other programs are used if the name is on our list."""
         name = plain_text(message.param_id)
         if name in self._asked or name in self._waiting or name in self.unanswered:
             self.values[name] = parameter_value(message, bytewise=self._bytewise)
@@ -71,7 +72,7 @@ class ParameterReader:
             self._waiting = [other for other in self._waiting if other != name]
 
     def poll(self, target: Ids, now: float) -> list[Message]:
-        """The requests due now: repeats first, then new ones as far as there is room."""
+        """Return the requests due now: repeats first, then new ones up to the limit."""
         due = [name for name, (_, when) in self._asked.items() if now >= when]
         given_up = [name for name in due if self._asked[name][0] >= TRIES]
         for name in given_up:

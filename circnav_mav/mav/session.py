@@ -1,5 +1,7 @@
-"""The conversation with one vehicle: our heartbeat, commands, streams, time. See `identity` for who the vehicle is, and
-`vehicle_state` for what it reports."""
+"""MAVLink session with one vehicle: our heartbeat, commands, streams and time synchronization.
+
+See `identity` for the vehicle's ids and address, and `vehicle_state` for its reported state.
+"""
 
 from collections import deque
 from collections.abc import Hashable, Mapping
@@ -17,28 +19,28 @@ from circnav_mav.mav.statustext import Announcer
 from circnav_mav.mav.vehicle_state import READ, VehicleState
 
 HEARTBEAT_PERIOD = 1.0
-"""Time, s, between two heartbeats (MAVLink: 1 Hz)."""
+"""Time between two of our heartbeats, s (MAVLink: 1 Hz)."""
 LOST_AFTER = 3.0
-"""Silence of the vehicle about its mode, s, after which the link counts as lost (MAVSDK's figure)."""
+"""Time without a mode report, s, after which the link counts as lost (value of MAVSDK)."""
 SENT_KEPT = 1024
-"""Frames of ours that are remembered: twenty seconds of them, by which an echo is known."""
+"""Number of our newest frames that are kept to recognize an echo: twenty seconds."""
 TWIN_FRAMES, TWIN_WITHIN = 4, 10.0
-"""So many frames in our name that we did not send, within so many seconds, are of another companion: it says at least a
-heartbeat a second. A stray one now and then is nobody's."""
+"""Number of foreign frames with our ids within this time, s, that indicates another companion: it sends at least one
+heartbeat per second. A single stray frame is ignored."""
 MOST_REPLIES = 4
-"""Answers to TIMESYNC in one step at most: a flood is not answered."""
+"""Most TIMESYNC answers in one step: a flood is not answered."""
 ECHO_RATE = 4.0
-"""Rate, Hz, of the vehicle's reports of the setpoint that it flies."""
+"""Requested rate of the vehicle's setpoint reports, Hz."""
 ECHOES = ("POSITION_TARGET_LOCAL_NED", "ATTITUDE_TARGET", "NAV_CONTROLLER_OUTPUT")
 HANDLED = frozenset(
     getattr(dialect, f"MAVLINK_MSG_ID_{name}")
     for name in (*READ, "COMMAND_ACK", "TIMESYNC", "VFR_HUD", *ACCELERATIONS, *ECHOES)
 )
-"""Ids of the messages that a session, the motion sensor or the pilot reads."""
+"""Ids of the messages that the session, the motion sensor or the pilot reads."""
 
 
 class Session:
-    """Everything between us and the vehicle, except setpoints and ranging."""
+    """All communication with the vehicle, except setpoints and ranging."""
 
     def __init__(
         self,
@@ -47,7 +49,7 @@ class Session:
         more_streams: Mapping[int, float] | None = None,
         signing: Signing | None = None,
     ) -> None:
-        """adapters: the vehicles that the mission allows; the pinned vehicle picks one. more_streams: id -> Hz."""
+        """adapters: the vehicles that the mission allows. The pinned vehicle selects one. more_streams: id -> Hz."""
         self._component = settings.component_id
         self._more_streams = dict(more_streams or {})
         self._next_heartbeat = float("-inf")
@@ -64,13 +66,13 @@ class Session:
         self.motion = OwnMotionSensor(self.timesync.slower)
         self.announcer = Announcer()
         self.mode_requests_dropped = 0
-        """Times that a request was dropped before its answer had come."""
+        """Number of mode requests that were dropped before their answer."""
         self.ignored, self.misfits = self.identity.ignored, self.identity.misfits
         self.clock_speed, self.texts = self.vehicle.clock_speed, self.vehicle.texts
 
     @property
     def peer(self) -> Sender | None:
-        """The pinned vehicle, None while there is none."""
+        """The pinned vehicle, or None."""
         return self.identity.peer
 
     @property
@@ -79,22 +81,22 @@ class Session:
 
     @property
     def us(self) -> Ids:
-        """In whose name we speak."""
+        """Our own system and component id."""
         return self.encoder.system, self._component
 
     @property
     def adapter(self) -> Autopilot:
-        """Of the vehicle; of the first that the mission allows before one was heard."""
+        """Adapter of the pinned vehicle. Before one was found: of the first vehicle that the mission allows."""
         return self.identity.adapter
 
     @property
     def vehicle_ids(self) -> Ids:
-        """(system, component) to address; (0, 0) when there is no vehicle."""
+        """(system, component) of the vehicle; (0, 0) without one."""
         return self.peer.ids if self.peer else (0, 0)
 
     @property
     def reply_to(self) -> Hashable:
-        """Where our bytes go, None for nowhere yet."""
+        """Address that our frames are sent to, or None."""
         return self.identity.reply_to
 
     def heartbeat_age(self, now: float) -> float:
@@ -102,19 +104,19 @@ class Session:
 
     @property
     def doubled(self) -> bool:
-        """Whether another companion speaks in our name."""
+        """True if another companion sends with our ids."""
         heard = self._twin_heard
         return len(heard) == TWIN_FRAMES and heard[-1] - heard[0] <= TWIN_WITHIN
 
     def missing(self, now: float) -> list[str]:
-        """What the vehicle must tell before it can be flown, and does not."""
+        """Return the names of the motion values that the adapter needs and the vehicle does not report."""
         motion = self.motion.at(now)
         return sorted(name for name in self.adapter.needs if getattr(motion, name) is None)
 
     # --- in ---
 
     def receive(self, message: Message, now: float, source: Hashable) -> bool:
-        """Take one message in; tells whether it is of the pinned vehicle. Nobody else moves anything here."""
+        """Process one message. Return True if it is from the pinned vehicle. Others do not change its state."""
         before = self.peer
         if before is not None and ids(message) == self.us:
             self._in_our_name(bytes(message.get_msgbuf()), before, source, now)
@@ -134,18 +136,20 @@ class Session:
         elif message.get_type() == "TIMESYNC" and message.tc1:
             self.timesync.heard(message.ts1, now)
         elif message.get_type() == "TIMESYNC" and len(self._replies) < MOST_REPLIES:
-            # a question (tc1 = 0) is answered with our clock, in ns, and the asker's mirrored
+            # answer a request (tc1 = 0) with our clock in ns and the mirrored time of its sender
             self._replies.append(dialect.MAVLink_timesync_message(int(now * 1e9) or 1, message.ts1))
         return True
 
     def lose(self) -> None:
-        """The vehicle has fallen silent: let go of it."""
+        """Release the pinned vehicle after it has become silent."""
         self.vehicle.lost()
         self.identity.peer = None
         self.commands.clear()
 
     def _in_our_name(self, frame: bytes, peer: Sender, source: Hashable, now: float) -> None:
-        """An echo, or another companion. What the vehicle forwards was said to it; from elsewhere anybody says that."""
+        """Process a frame with our ids: an echo of ours, or one from another companion."""
+        # The vehicle forwards only frames that it has received: another companion sends to it. From another address,
+        # any sender may use our ids.
         if frame in self._sent:
             self.ignored["echo"] += 1
         elif source == peer.source:
@@ -155,7 +159,7 @@ class Session:
             self.identity.rivals.heard(OUR_NAME, Sender(*self.us, source), Sender(*self.us, "this computer"), now)
 
     def _pinned(self, peer: Sender, *, anew: bool) -> None:
-        """The vehicle was found, or speaks from another address."""
+        """Prepare the session for a vehicle that was found, or has moved to another address."""
         self.encoder.system = peer.system
         if not anew:
             self.vehicle.moved()
@@ -170,8 +174,10 @@ class Session:
     # --- out ---
 
     def encode(self, message: Message) -> bytes:
-        """Encode one frame in our name. It is remembered, so that neither its echo nor its answer seems to be due to
-        another companion."""
+        """Encode one frame with our ids.
+
+        The frame is remembered, so that its echo or its answer is not attributed to another companion.
+        """
         frame = self.encoder.encode(message)
         if message.get_type() in ("COMMAND_LONG", "COMMAND_INT"):
             self.commands.sent(message.command)
@@ -179,12 +185,12 @@ class Session:
         return frame
 
     def poll(self, now: float) -> list[Message]:
-        """The messages due now: our heartbeat, commands, texts. Called by the healthy tick only."""
+        """Return the messages due now: our heartbeat, commands, texts. Call in a healthy tick only."""
         messages, self._replies = self.heartbeats_due(now) + self._replies, []
         if self.peer is not None:
             for result in self.commands.take_results():
                 if result.command.number == dialect.MAV_CMD_DO_SET_MODE:
-                    self._mode_results.append(result)  # for whoever asked
+                    self._mode_results.append(result)  # read by take_mode_results
                 elif result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL and result.refused:
                     self.streams.denied(result)
             for request in self.streams.poll(now):
@@ -200,26 +206,27 @@ class Session:
         return results
 
     def drop_mode_requests(self) -> None:
-        """Ask for no mode any more: it was reached, or the operator has chosen another, or may have."""
+        """Drop mode requests: the mode was reached, or the operator has chosen another, or may have."""
         self.mode_requests_dropped += self.commands.drop(dialect.MAV_CMD_DO_SET_MODE)
         self._mode_results.clear()
 
     def farewell(self) -> list[Message]:
-        """Give the vehicle its own stream rates back, also where it is silent, and nobody else his; nobody waits for
-        the answer."""
+        """Return the commands that restore our vehicle's own stream rates, even if it is lost. Answers are ignored."""
         home = self.identity.home
         return [] if home is None else [once(command, home.ids) for command in self.streams.give_back()]
 
     def heartbeats_due(self, now: float) -> list[Message]:
-        """Our heartbeat, when due."""
+        """Return our heartbeat when it is due."""
         if now < self._next_heartbeat:
             return []
         self._next_heartbeat = now + HEARTBEAT_PERIOD
         return [self.heartbeat()]
 
     def heartbeat(self) -> Message:
-        """Our own heartbeat: an onboard controller of the vehicle's system, never a ground station (that would feed
-        the operator's GCS failsafe)."""
+        """Return our heartbeat as an onboard controller of the vehicle's system.
+
+        A ground station's heartbeat would keep the operator's GCS failsafe from triggering.
+        """
         return dialect.MAVLink_heartbeat_message(
             dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
         )

@@ -1,4 +1,4 @@
-"""The choke point: every setpoint that leaves the process passes here, and nothing else checks for it."""
+"""Final check that every setpoint passes before it is sent. No other module repeats it."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -12,31 +12,32 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import YawRate, euler_from_quaternion
 
 SLACK = 1 + 1e-6
-"""Single precision."""
+"""Factor on limits for the rounding of single precision."""
 MOST_DAMPED = 1.25
-"""Acceleration to the side, in units of speed times turn rate, for a loop that damps what comes of it."""
+"""Largest lateral acceleration, in units of speed times turn rate, for a velocity loop with a derivative gain."""
 MAX_PITCH, MAX_CLIMB = radians(15), 1.0
-"""Pitch of an attitude setpoint, rad, and climb rate of a velocity setpoint, m/s: height is held, not changed."""
+"""Limits of the pitch of an attitude setpoint, rad, and of the climb rate of a velocity setpoint, m/s. Height is held,
+not changed."""
 EVERYBODY = 0
-"""Target id of a broadcast (MAVLink), which no setpoint may have."""
+"""Broadcast target id (MAVLink), not permitted in a setpoint."""
 BODY_NED = dialect.MAV_FRAME_BODY_NED
 
 
 class Steer(NamedTuple):
-    """What the vehicle shall do: yaw rate (rad/s, clockwise positive) and forward speed (m/s)."""
+    """Command to the vehicle: yaw rate (rad/s, clockwise positive) and forward speed (m/s)."""
 
     yaw_rate: YawRate
     speed: float
 
 
 class UnsafeSetpointError(Exception):
-    """A setpoint that must not leave. Ours to mend, so it is loud; the pilot answers with the safe setpoint."""
+    """A setpoint that must not be sent. It indicates a fault in circnav. The pilot sends the safe setpoint instead."""
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What may be commanded. max_yaw_rate in rad/s, max_speed in m/s, max_bank in rad (of attitude setpoints),
-    max_stick in thousandths (of MANUAL_CONTROL)."""
+    """Limits of commands: max_yaw_rate in rad/s, max_speed in m/s, max_bank in rad (attitude setpoints), max_stick in
+    thousandths (MANUAL_CONTROL)."""
 
     max_yaw_rate: float
     max_speed: float
@@ -45,13 +46,13 @@ class Limits:
 
 
 class SetpointGuard:
-    """The one exit for setpoints: finite, and within the limits."""
+    """Check of setpoints: finite, and within the limits."""
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
 
     def admit(self, steer: Steer, now: float) -> Steer:
-        """The steer as it may be flown. Raises UnsafeSetpointError for a number that no vehicle must see."""
+        """Return the command unchanged. Raises UnsafeSetpointError for a value that is not finite or not in limits."""
         limits, rate = self._limits, steer.yaw_rate
         if not (isfinite(rate) and isfinite(steer.speed)):
             raise UnsafeSetpointError(f"not finite: {steer}")
@@ -60,8 +61,11 @@ class SetpointGuard:
         return steer
 
     def check_message(self, message: Message, shapes: frozenset[tuple[str, int | None]]) -> Message:
-        """The message as it will leave, if its type and mask stand in the adapter's table, all its numbers are finite,
-        it speaks to one vehicle, and what it makes that one do is within the limits. Raises UnsafeSetpointError."""
+        """Return the message unchanged if it may be sent. Raises UnsafeSetpointError otherwise.
+
+        Its type and mask must be in the adapter's table, all numbers finite, and the target a single vehicle. The
+        commanded speeds, rates and angles must be within the limits.
+        """
         shape = (message.get_type(), getattr(message, "type_mask", None))
         if shape not in shapes:
             raise UnsafeSetpointError(f"{shape[0]} with mask {shape[1]} is not in the adapter's table")
@@ -74,7 +78,7 @@ class SetpointGuard:
         return message
 
 
-# --- whether the speeds, rates and angles that a message commands are within the limits: all that its mask lets through
+# --- limits of the speeds, rates and angles in each message, as far as its mask does not ignore them
 
 
 def _velocity_within(message: Message, limits: Limits) -> bool:
@@ -103,4 +107,4 @@ _CHECKS: Mapping[str, tuple[Callable[[Message, Limits], bool], str]] = {
     "SET_ATTITUDE_TARGET": (_attitude_within, "target_system"),
     "MANUAL_CONTROL": (_stick_within, "target"),
 }
-"""By message type: its check, and the field that says whom it is for."""
+"""Check and name of the target field, by message type."""

@@ -1,11 +1,10 @@
-"""MAVLink 2 message signing without I/O or clock: our frames signed, the others' believed or refused.
+"""MAVLink 2 message signing without I/O or clock: sign our frames, accept or reject received ones.
 
     signature = first 6 bytes of sha256(key + header + payload + CRC + link id + timestamp)
 
-Timestamps count 10 us since 2015. A signature is checked before its timestamp is looked at, and only a true one moves
-anything here: whatever a forged frame claims, the real sender is not locked out (pymavlink 2.4.50 stores the timestamp
-first). Source of the rules: mavlink.io/en/guide/message_signing.html, and mavlink_signature_check of the C library,
-which autopilots use.
+Timestamps count 10 us since 2015. A timestamp is stored only after its signature was verified, so that forged frames
+cannot lock out the real sender (pymavlink 2.4.50 stores the timestamp first). Source of the rules:
+mavlink.io/en/guide/message_signing.html, and mavlink_signature_check of the C library, which autopilots use.
 """
 
 from enum import Enum
@@ -18,25 +17,25 @@ from pymavlink.dialects.v20 import all as dialect
 from circnav_mav.mav.framing import SIGNATURE, SIGNED, V2
 
 KEY_LENGTH = 32
-"""Bytes of a key (MAVLink signing)."""
+"""Length of a key, bytes (MAVLink signing)."""
 ZERO_KEY = bytes(KEY_LENGTH)
-"""What PX4 (main of 2026) signs with until it is given a key: anybody's, so it proves and protects nothing."""
+"""Default key of PX4 (main of 2026) until it is given one. It is public, so it proves and protects nothing."""
 EPOCH = 1_420_070_400
 """Start of 2015, unix seconds."""
 SECOND = 100_000
-"""Steps of 10 us, in which a signature counts time, in a second."""
+"""Timestamp steps of 10 us in a second."""
 MINUTE = 60 * SECOND
-"""Steps of 10 us in a minute, by which a new sender may be behind (MAVLink signing)."""
+"""Timestamp steps of 10 us in a minute: allowed delay of a new sender's clock (MAVLink signing)."""
 LATEST = 2**48 - 1
-"""Largest time that the 48 bits of a signature hold."""
+"""Largest timestamp in the 48 bits of a signature."""
 _FLAGS_AT = 2
-"""Place of the incompatibility flags in a frame of MAVLink 2."""
+"""Index of the incompatibility flags in a MAVLink 2 frame."""
 _HASH = 6
-"""Bytes of the hash, which ends a signature, and of the timestamp before it."""
+"""Length of the hash at the end of a signature, and of the timestamp before it, bytes."""
 
 
 class Refusal(Enum):
-    """Why a frame is not believed."""
+    """Reason why a frame is not authenticated."""
 
     UNSIGNED = "unsigned"
     WRONG = "wrong_signature"
@@ -45,14 +44,14 @@ class Refusal(Enum):
 
 
 class Signing:
-    """One key and its timestamps: that of our next frame, and the newest of every stream received.
+    """One key with its timestamps: that of our newest frame, and the newest of each received stream.
 
-    `timestamp` follows the clock (`advance`), our own frames and those received, and never goes back. It is never less
-    than that of any accepted frame: kept across a restart (`resume`), this one number rejects every repeated frame.
+    `timestamp` follows the clock (`advance`), our own frames and received ones, and never decreases. It is at least the
+    timestamp of every accepted frame. Kept across a restart (`resume`), it is enough to reject all replayed frames.
     """
 
     def __init__(self, key: bytes, *, link_id: int = 0, timestamp: int = 0) -> None:
-        """key: 32 bytes. timestamp: the least to begin with."""
+        """key: 32 bytes. timestamp: initial value."""
         if len(key) != KEY_LENGTH:
             raise ValueError(f"a signing key has {KEY_LENGTH} bytes, not {len(key)}")
         self._key = key
@@ -65,33 +64,33 @@ class Signing:
         return f"Signing(link_id={self._link_id}, timestamp={self.timestamp})"
 
     def advance(self, unix: float) -> None:
-        """Tell the wall-clock time, unix seconds; a clock that was set back changes nothing."""
+        """Advance the timestamp to the wall-clock time, unix seconds. An earlier time has no effect."""
         self._reach(int((unix - EPOCH) * SECOND))
 
     def resume(self, timestamp: int) -> None:
-        """Go on from the timestamp at which an earlier run ended: all frames up to it count as received."""
+        """Continue from the final timestamp of an earlier run. All frames up to it count as received."""
         self._resumed_at = timestamp
         self._reach(timestamp)
 
     def sign(self, frame: bytes) -> bytes:
-        """One of our MAVLink 2 frames, signed; each gets a timestamp of its own."""
+        """Return one of our MAVLink 2 frames with a signature. Each frame has a unique timestamp."""
         self._reach(self.timestamp + 1)
         body = _flag_changed(frame) + bytes((self._link_id,)) + self.timestamp.to_bytes(_HASH, "little")
         return body + sha256(self._key + body).digest()[:_HASH]
 
     def check(self, frame: bytes) -> Refusal | None:
-        """Why a signed frame is not to be believed; None: it is, and it counts as heard.
+        """Return the reason to reject a signed frame, or None. An accepted frame counts as received.
 
-        A stream (system, component, link id) that is new to this process may be a minute behind us, a known one must
-        go on.
+        A stream (system, component, link id) that is new to this process may be one minute behind our timestamp.
+        Timestamps of other streams must increase.
         """
         if not is_signed_with(self._key, frame):
             return Refusal.WRONG
         stream = (frame[5], frame[6], frame[-SIGNATURE])
         timestamp = int.from_bytes(frame[1 - SIGNATURE : -_HASH], "little")
         newest = self._newest.get(stream)
-        # A recorded frame is at most as new as the end of the run that received it. A sender whose clock is behind that
-        # is rejected, too, until its clock has passed it, or until it has adopted the timestamp of our own frames.
+        # A recorded frame is not newer than the end of the run that received it. A real sender with a clock behind that
+        # time is rejected too, until its clock has passed it or it has adopted the timestamp of our frames.
         if newest is None and timestamp < max(self.timestamp - MINUTE, self._resumed_at + 1):
             return Refusal.BEHIND
         if newest is not None and timestamp <= newest:
@@ -109,17 +108,17 @@ def is_signed_with(key: bytes, frame: bytes) -> bool:
 
 
 def is_signed(frame: bytes) -> bool:
-    """Whether a whole frame carries a signature, true or not."""
+    """True if a complete frame carries a signature, valid or not."""
     return frame[0] == V2 and bool(frame[_FLAGS_AT] & SIGNED)
 
 
 def without_signature(frame: bytes) -> bytes:
-    """The frame as if it had never been signed: for logs, as MAVLink's guide wants them. Its CRC is right again."""
+    """Return the frame without signature and with a correct CRC, as MAVLink's guide requires for logs."""
     return _flag_changed(frame[:-SIGNATURE]) if is_signed(frame) else frame
 
 
 def _flag_changed(frame: bytes) -> bytes:
-    """A frame without signature, its flag changed over, and its CRC with it."""
+    """Return a frame without signature with its signed flag inverted and its CRC updated."""
     crc = int.from_bytes(frame[-2:], "little") ^ _flag_in_crc(frame[1])
     flags = bytes((frame[_FLAGS_AT] ^ SIGNED,))
     return frame[:_FLAGS_AT] + flags + frame[_FLAGS_AT + 1 : -2] + crc.to_bytes(2, "little")
@@ -127,8 +126,10 @@ def _flag_changed(frame: bytes) -> bytes:
 
 @cache
 def _flag_in_crc(payload: int) -> int:
-    """What the flag does to the CRC of a frame with that many bytes of payload. A CRC is linear: no message's own seed
-    need be known, nor its id."""
+    """Return the CRC change that the flag causes in a frame with this payload length, bytes.
+
+    A CRC is linear: neither the message id nor its CRC_EXTRA is needed.
+    """
     covered = bytearray(9 + payload + 1)
     plain = dialect.x25crc(bytes(covered)).crc
     covered[_FLAGS_AT - 1] = SIGNED

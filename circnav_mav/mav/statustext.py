@@ -1,5 +1,4 @@
-"""What we say to ground stations: texts of what happens, numbers to plot. Never more often than they can read. And
-long texts of others, put together again."""
+"""Texts and plotted values for ground stations, at limited rates, and reassembly of long texts that are received."""
 
 from itertools import cycle
 
@@ -10,19 +9,19 @@ from circnav_mav.mav.clocks import our_boot_ms
 from circnav_mav.mav.codec import Ids, Message, ids
 
 TEXT_INTERVAL = 2.0
-"""Least time, s, between two texts of one kind; chosen for a ground station's list."""
+"""Least time, s, between two texts of the same kind; chosen for a ground station's message list."""
 PLOT_INTERVAL = 0.25
-"""Least time, s, between two NAMED_VALUE_FLOAT of a kind; chosen, 4 Hz draws a curve."""
+"""Least time, s, between two sets of NAMED_VALUE_FLOAT; chosen, 4 Hz gives a usable curve."""
 CHUNK, LONGEST_TEXT = 50, 200
-"""Bytes of a STATUSTEXT, and of a text: longer ones go out in chunks."""
+"""Largest size of one STATUSTEXT, and of a text that is split into several, bytes."""
 MOST_SENDERS = 16
-"""Senders whose texts are put together: bounds the memory that a hostile link can fill."""
+"""Limit of senders whose chunks are reassembled: bounds the memory that a hostile link can fill."""
 MOST_PLOTTED = 1e38
-"""More does not fit into single precision, and is no number to look at."""
+"""Largest plotted magnitude. Larger numbers do not fit into single precision."""
 
 
 class Announcer:
-    """STATUSTEXT at most once in two seconds per kind, the latest kept; NAMED_VALUE_FLOAT at 4 Hz."""
+    """Rate limiter: one STATUSTEXT per kind in 2 s, the newest kept, and NAMED_VALUE_FLOAT at 4 Hz."""
 
     def __init__(self) -> None:
         self._waiting: dict[str, tuple[int, str]] = {}
@@ -31,11 +30,11 @@ class Announcer:
         self._text_ids = cycle(range(1, 65536))
 
     def say(self, kind: str, text: str, *, severity: int = dialect.MAV_SEVERITY_NOTICE) -> None:
-        """Announce something; a newer text of the same kind replaces one that has not gone out."""
+        """Queue a text. It replaces an unsent text of the same kind."""
         self._waiting[kind] = (severity, f"circnav: {text}")
 
     def texts(self, now: float) -> list[Message]:
-        """The messages that may go out now."""
+        """Return the messages that may be sent now."""
         messages = []
         for kind in list(self._waiting):
             if now - self._last_text.get(kind, float("-inf")) >= TEXT_INTERVAL:
@@ -44,7 +43,7 @@ class Announcer:
         return messages
 
     def _chunks(self, severity: int, text: str) -> list[Message]:
-        """The messages of one text. The last chunk has a zero in it, which ends the text; it may hold nothing else."""
+        """Return the messages of one text. The last chunk contains a zero, which ends the text, and may be empty."""
         data = text.encode("ascii", "replace")[:LONGEST_TEXT]
         if len(data) <= CHUNK:
             return [dialect.MAVLink_statustext_message(severity, data)]
@@ -55,8 +54,10 @@ class Announcer:
         ]
 
     def plots(self, values: dict[str, float], now: float) -> list[Message]:
-        """NAMED_VALUE_FLOAT messages for any ground station's graphs, when due. Names have at most 9 characters: PX4
-        cuts the tenth."""
+        """Return NAMED_VALUE_FLOAT messages for a ground station's graphs when they are due.
+
+        Names have at most 9 characters: PX4 cuts the tenth.
+        """
         if now - self._last_plot < PLOT_INTERVAL or not values:
             return []
         self._last_plot = now
@@ -68,14 +69,16 @@ class Announcer:
 
 
 class TextReader:
-    """STATUSTEXT of any senders as texts. Each chunk of a long one gives the text so far: if the next is lost, that
-    much was read."""
+    """Reassembly of STATUSTEXT chunks from several senders.
+
+    Each chunk of a long text gives the text so far. If the next chunk is lost, that part remains available.
+    """
 
     def __init__(self) -> None:
         self._newest: dict[Ids, tuple[int, int, str]] = {}
 
     def read(self, message: Message) -> tuple[str, str | None]:
-        """The text so far, and the shorter text that it continues, None where it begins."""
+        """Return the text so far and the shorter text that it continues. The latter is None for a new text."""
         sender = ids(message)
         ident, number, before = self._newest.get(sender, (0, 0, ""))
         continues = message.id != 0 and (message.id, message.chunk_seq) == (ident, number + 1)
@@ -86,5 +89,5 @@ class TextReader:
 
 
 def plain_text(text: str) -> str:
-    """Text of a MAVLink message up to its terminating zero, printable."""
+    """Return the text of a MAVLink message up to its terminating zero, in printable characters."""
     return printable(text.partition("\0")[0])

@@ -1,32 +1,35 @@
-"""The bundled vehicle's truth, to judge flights by; nothing that steers may read it."""
+"""True state of the bundled vehicle, for the evaluation of flights. Code that steers must not read it."""
 
 from circnav_mav.mav.codec import Decoder
 from circnav_mav.mav.framing import V2
 
 NAME = "SIM_TRUTH"
-"""DEBUG_FLOAT_ARRAY under this name carries the truth."""
+"""Name of the DEBUG_FLOAT_ARRAY that carries the truth."""
 _ID = 350
 """Message id of DEBUG_FLOAT_ARRAY."""
 _NUMBERS = 16
-"""Numbers of the truth in it, as the emulator sends them."""
+"""Count of numbers that the emulator sends in it."""
 
 
 def is_truth_frame(frame: bytes) -> bool:
-    """Whether a whole frame may hold the truth, without decoding it."""
+    """True if a complete frame may hold the truth, judged without decoding."""
     return frame[0] == V2 and int.from_bytes(frame[7:10], "little") == _ID
 
 
 def read_truth_frame(frame: bytes) -> tuple[float, ...] | None:
-    """The numbers of a truth frame, None for any other: 0, 1 north and east of home, m; 7 turn rate, rad/s, clockwise;
-    9, 10 the target's north and east, m; 15 simulated time, s."""
+    """Return the numbers of a truth frame, or None for another frame.
+
+    0, 1: position north and east of home, m. 7: turn rate, rad/s, clockwise positive. 9, 10: target north and east of
+    home, m. 15: simulated time, s.
+    """
     if is_truth_frame(frame):
-        for message in Decoder(wanted={_ID}).decode(frame):  # wanted: a damaged frame may have others inside
+        for message in Decoder(wanted={_ID}).decode(frame):  # a damaged frame may contain others
             if message.name == NAME:
                 return tuple(message.data[:_NUMBERS])
     return None
 
 
 def relative_truth(frame: bytes) -> tuple[float, float] | None:
-    """East and north of the target, m, where a frame tells the truth."""
+    """Return the position east and north of the target, m, or None if it is not a truth frame."""
     numbers = read_truth_frame(frame)
     return None if numbers is None else (numbers[1] - numbers[10], numbers[0] - numbers[9])

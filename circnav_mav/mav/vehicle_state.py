@@ -1,4 +1,4 @@
-"""What our vehicle reports: its mode and when it left ours, whether it flies, when it has started."""
+"""State that our vehicle reports: mode, departures from the guided mode, landed state, battery and reboots."""
 
 from collections import deque
 
@@ -10,38 +10,38 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.statustext import TextReader
 
 AHEAD, AHEAD_SHARE = 5.0, 0.25
-"""How much farther than ours the vehicle's time may have gone through a silence, s and share of the silence: links
-buffer, and simulators hurry."""
+"""Largest lead of the vehicle's clock over ours after a silence, s, plus a share of the silence. Links buffer, and
+simulators run fast."""
 OVERTAKEN = 64
-"""Most frames, in half a second or more of the vehicle's, by which one may have been overtaken on its way. An older one
-counts as new: there were losses, or the vehicle has started again."""
+"""Largest step back in the sequence number that counts as reordering: half a second or more of frames. After a larger
+step the frame counts as new: frames were lost, or the vehicle has rebooted."""
 APART = 0.2
-"""Least time between two heartbeats that come by themselves, s (ArduPilot's fastest: 0.25); those of a backlog come at
+"""Least time between two heartbeats sent at their own rate, s (ArduPilot's shortest: 0.25). A backlog arrives at
 once."""
 BATTERY_MAX_AGE = 5.0
-"""Age, s, from which on a battery level is not known any more; SYS_STATUS comes once a second."""
+"""Oldest battery level that is reported, s. SYS_STATUS arrives once a second."""
 NOT_FLYING = (
     dialect.MAV_LANDED_STATE_ON_GROUND,
     dialect.MAV_LANDED_STATE_TAKEOFF,
     dialect.MAV_LANDED_STATE_LANDING,
 )
-"""EXTENDED_SYS_STATE.landed_state in which an aircraft is not to be steered."""
+"""Values of EXTENDED_SYS_STATE.landed_state in which an aircraft must not be steered."""
 BOOT_TIMES = ("SYSTEM_TIME", "ATTITUDE", "ATTITUDE_QUATERNION")
-"""Types of the messages whose time since boot is read."""
+"""Message types from which the time since boot is read."""
 READ = (
     *("HEARTBEAT", "CURRENT_MODE", "SYS_STATUS", "EXTENDED_SYS_STATE", "STATUSTEXT", "AUTOPILOT_VERSION"),
     *BOOT_TIMES,
 )
-"""Types of the messages that are read here."""
+"""Message types that this module reads."""
 
 
 class VehicleState:
-    """Keeps the newest of everything; only messages of the pinned vehicle come here."""
+    """Newest reported state of the pinned vehicle. Messages of other senders must not be passed in."""
 
     def __init__(self, adapter: Autopilot) -> None:
         self._adapter = adapter
         self.boot = StampFilter(wrap=BOOT_WRAP)
-        """The vehicle's times since boot, the newest None before it has reported one."""
+        """Filter of the vehicle's times since boot. Its `newest` is None until one is reported."""
         self._lost_ours = False
         self._sequence: int | None = None
         self._late = False
@@ -49,20 +49,20 @@ class VehicleState:
         self.mode: int | None = None
         self.armed = False
         self.heard_at = float("-inf")
-        """When the vehicle last reported its mode, s."""
+        """Time of the vehicle's last mode report, s."""
         self.heartbeats = 0
         self.departures = 0
-        """Times that the guided mode was left, or the vehicle disarmed in it: also between two looks at it."""
+        """Number of times that the vehicle left the guided mode or was disarmed in it, also between two polls."""
         self.left_for: str | None = None
-        """The mode of the newest departure, None where the vehicle was disarmed."""
+        """Mode entered at the newest departure, None if the vehicle was disarmed."""
         self.on_ground: bool | None = None
         self._battery: float | None = None
         self._battery_at = float("-inf")
         self.reboots = 0
-        """Times that the vehicle has started again, or that another one has taken its ids over."""
+        """Number of reboots, including takeovers of the vehicle's ids by another vehicle."""
         self.unproven = False
-        """Whether it is not known yet, after a silence or from another address, that it is the vehicle of before: ids
-        are what every vehicle of a maker comes with. Its time tells; one that has reported none before need not."""
+        """True if the vehicle's identity is unconfirmed, after a silence or a change of address. Ids prove nothing:
+        many vehicles have the default ones. The time since boot proves it, and is not required if none was reported."""
         self.clock_speed = ClockSpeed()
         self.texts: deque[str] = deque(maxlen=8)
         self._text_reader = TextReader()
@@ -70,7 +70,7 @@ class VehicleState:
 
     @property
     def in_our_mode(self) -> bool:
-        """Whether the vehicle obeys setpoints: armed, and its own heartbeat names the guided mode."""
+        """True if the vehicle follows setpoints: it is armed and reports the guided mode."""
         return self.armed and self.mode == self._adapter.guided_mode
 
     @property
@@ -78,26 +78,28 @@ class VehicleState:
         return "unknown" if self.mode is None else self._adapter.mode_names.get(self.mode, f"mode {self.mode}")
 
     def battery(self, now: float) -> float | None:
-        """What is left, percent; None where it is not reported, or not any more."""
+        """Return the remaining charge, percent, or None if it is not reported or stale."""
         return self._battery if now - self._battery_at <= BATTERY_MAX_AGE else None
 
     def found(self, adapter: Autopilot) -> None:
-        """The vehicle is there, for the first time or again."""
+        """Prepare for a vehicle that was found, for the first time or again."""
         self._adapter, self.on_ground = adapter, None
         self.moved()
 
     def moved(self) -> None:
-        """The vehicle speaks from another address, maybe by another way."""
+        """Prepare for messages of the vehicle from another address, possibly by another route."""
         self._sequence, self.unproven = None, self.boot.newest is not None
 
     def lost(self) -> None:
-        """The vehicle has fallen silent."""
+        """Reset mode and armed state after the vehicle has become silent."""
         self._lost_ours = self.in_our_mode
         self.mode, self.armed = None, False
 
     def continues(self, message: Message, now: float) -> bool:
-        """True if a message from another address carries the time since boot that this vehicle must have by now. A
-        frame that was sent before, and is sent again, does not."""
+        """True if a message from another address carries this vehicle's expected time since boot.
+
+        A replayed frame carries an older time.
+        """
         if self.boot.newest is None or message.get_type() not in BOOT_TIMES:
             return False
         passed = (now - self.boot.newest_at) * (self.clock_speed.found or 1.0)
@@ -112,7 +114,7 @@ class VehicleState:
             self._tells_mode(message.custom_mode, bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED), now)
             self.heartbeats += not self._late
         elif kind == "CURRENT_MODE" and message.custom_mode:
-            # proves the mode and the link as a heartbeat does: PX4 sends those once a second only, and some are lost
+            # It reports the mode like a heartbeat does. PX4 sends heartbeats at 1 Hz only, and some are lost.
             self._tells_mode(message.custom_mode, self.armed, now)
         elif kind in BOOT_TIMES:
             self._tells_boot_time(message.time_boot_ms / 1000, now)
@@ -132,7 +134,7 @@ class VehicleState:
             self.firmware = f"{version >> 24}.{version >> 16 & 255}.{version >> 8 & 255}"
 
     def _overtaken(self, sequence: int) -> bool:
-        """Whether a frame of the vehicle was sent before one that is here already."""
+        """True if a frame of the vehicle was sent before one that has already arrived."""
         behind = 0 if self._sequence is None else (self._sequence - sequence) % 256
         if 0 < behind <= OVERTAKEN:
             return True
@@ -140,8 +142,9 @@ class VehicleState:
         return False
 
     def _is_late_heartbeat(self, sequence: int, now: float) -> bool:
-        """Not, where the one before seemed overtaken, too, and they go on from one to the other at their own pace: then
-        they come by a counter of their own, or all else comes without one."""
+        """True if a heartbeat is reordered."""
+        # A sender may number its heartbeats separately, or the other frames not at all. Then every heartbeat looks
+        # reordered. Accept one if the previous one looked reordered too and both arrive at heartbeat rate.
         before = self._late_heartbeat
         if not self._late:
             self._late_heartbeat = None
@@ -151,9 +154,9 @@ class VehicleState:
         return self._late
 
     def _tells_mode(self, mode: int, armed: bool, now: float) -> None:
-        """The vehicle's mode, and whether that takes it out of our hands. What was overtaken may take it, and never
-        gives it: the operator may have it by now."""
+        """Store the mode and armed state, and count a departure from the guided mode."""
         self.heard_at = now
+        # A reordered report may end our control, but never start it: the operator may have taken over meanwhile.
         if self._late and not self.in_our_mode and armed and mode == self._adapter.guided_mode:
             return
         was_ours, self._lost_ours = self.in_our_mode or self._lost_ours, False
@@ -163,8 +166,10 @@ class VehicleState:
             self.left_for = None if mode == self._adapter.guided_mode else self.mode_name
 
     def _tells_boot_time(self, stamp: float, now: float) -> None:
-        """Count a boot time that steps back as a reboot; the counter's own wrap after 49.7 days is none. After a
-        silence, a boot time that has advanced by more than the local time is that of another vehicle."""
+        """Count a backward step of the time since boot as a reboot, but not its wrap after 49.7 days.
+
+        After a silence, a boot time that has advanced more than the local time belongs to another vehicle.
+        """
         boot, newest = self.boot.unwrapped(stamp), self.boot.newest
         order = self.boot.order(boot, now)
         if order in (Order.OLDER, Order.JUMPED):

@@ -1,1 +1,1 @@
-"""One file a vehicle, behind one contract (`interface`), and a row of `table`."""
+"""Vehicle adapters: one file per vehicle, a common interface (`interface`), and a row in `table`."""

@@ -1,4 +1,4 @@
-"""What ArduPilot's vehicles share. Signs, masks and timeouts are those flown on ArduPilot 4.6.3 in its simulator."""
+"""Common parts of ArduPilot's vehicles. Signs, masks and timeouts were tested on ArduPilot 4.6.3 in its simulator."""
 
 from pymavlink.dialects.v20 import all as dialect
 
@@ -10,11 +10,11 @@ ARDUPILOT = Firmware(
     autopilot=dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
     flown="ArduPilot 4.6.3",
     streams={
-        dialect.MAVLINK_MSG_ID_HEARTBEAT: 4.0,  # a takeover is seen sooner; ArduPilot allows the rate
+        dialect.MAVLINK_MSG_ID_HEARTBEAT: 4.0,  # for early detection of a takeover; ArduPilot permits this rate
         dialect.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
         dialect.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
         dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
-        dialect.MAVLINK_MSG_ID_ATTITUDE: 20.0,  # plane and rover refuse more than about 40 Hz
+        dialect.MAVLINK_MSG_ID_ATTITUDE: 20.0,  # plane and rover reject more than about 40 Hz
         dialect.MAVLINK_MSG_ID_VFR_HUD: 5.0,
         dialect.MAVLINK_MSG_ID_RAW_IMU: 25.0,
     },
@@ -23,13 +23,13 @@ ARDUPILOT = Firmware(
 
 
 def gcs_failsafe(what_follows: str) -> Judge:
-    """FS_GCS_ENABLE."""
+    """Return a judge of FS_GCS_ENABLE."""
     lost = f"without a ground station's heartbeat {what_follows}; ours does not count as one, so keep yours connected"
     return one_of({0: (PASS, "no ground-station failsafe")}, (WARN, lost))
 
 
 def ekf_action(what_follows: str) -> Judge:
-    """FS_EKF_ACTION."""
+    """Return a judge of FS_EKF_ACTION."""
     none = "no action when the position estimate fails: it may go on without knowing its speed"
     leaves = f"when the position estimate fails it leaves GUIDED and {what_follows}: the flight ends as a takeover"
     return one_of({0: (WARN, none)}, (PASS, leaves))

@@ -25,7 +25,7 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.setpoint_guard import Steer
 
 FOLLOWED = 1.1
-"""Acceleration asked for over WPNAV_ACCEL that passes: 1.05 was flown, and the path followed."""
+"""Largest ratio of requested acceleration to WPNAV_ACCEL that passes. In flight, 1.05 was followed."""
 
 
 def _guided_options(value: float, context: Context) -> Verdict:
@@ -37,7 +37,11 @@ def _guided_options(value: float, context: Context) -> Verdict:
 
 
 def _acceleration(value: float, context: Context) -> Verdict:
-    """Flown at 5 m/s with 2.5 m/s^2: turns of 45 deg/s settled after 16 .. 68 s, of 30 after 14 .. 31."""
+    """Judge WPNAV_ACCEL, m/s^2.
+
+    In flight at 5 m/s with 2.5 m/s^2, turns of 45 deg/s settled after 16 to 68 s, and turns of 30 deg/s after 14 to
+    31 s.
+    """
     asked = radians(context.max_turn_rate_deg) * context.speed
     words = f"turns at the mission's limit ask for {asked:.1f} m/s^2"
     if asked <= FOLLOWED * value:
@@ -47,7 +51,7 @@ def _acceleration(value: float, context: Context) -> Verdict:
 
 
 def _enough_acceleration(context: Context) -> float:
-    """Return the firmware's default of 2.5 m/s^2, or what turns at the mission's limit ask for."""
+    """Return the firmware's default of 2.5 m/s^2, or the acceleration of turns at the mission's limit if larger."""
     return float(max(2.5, ceil(10 * radians(context.max_turn_rate_deg) * context.speed / FOLLOWED) / 10))
 
 
@@ -55,11 +59,11 @@ class ArduCopter(Autopilot):
     """GUIDED (4): body velocity, lateral acceleration feed-forward and yaw rate. Needs a velocity estimate (GPS, flow).
 
     SET_POSITION_TARGET_LOCAL_NED, frame BODY_NED (8): the velocity is rotated by the heading once, at receipt, so the
-    message must repeat. Mask 0x407: bits 0..2 ignore position (1); bits 3..5 use velocity (0; masking any one masks
-    all three, so vz goes out as 0, which holds height); bits 6..8 use acceleration (0): V w to the right, without it
-    the course slips 10 degrees behind the nose and turns 1..6 % too fast; bit 9 not a force (0); bit 10 ignore yaw
-    (1); bit 11 use yaw rate (0). A mask outside its table stops the vehicle (`mode_guided.init(true)`).
-    Without setpoints for GUID_TIMEOUT (3 s) it brakes and hovers in GUIDED.
+    message must be repeated. Mask 0x407: bits 0 to 2 ignore position (1). Bits 3 to 5 use velocity (0): masking any one
+    masks all three, so vz is sent as 0, which holds height. Bits 6 to 8 use acceleration (0): V w to the right. Without
+    it the course lags 10 degrees behind the nose and turns 1 to 6 % too fast. Bit 9: not a force (0). Bit 10 ignores
+    yaw (1). Bit 11 uses yaw rate (0). A mask outside its table stops the vehicle (`mode_guided.init(true)`). Without
+    setpoints for GUID_TIMEOUT (3 s) it brakes and hovers in GUIDED.
     """
 
     MASK = 0x407
@@ -90,5 +94,5 @@ class ArduCopter(Autopilot):
     )
 
     def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
-        """Forward speed, yaw rate, and the acceleration to the right that the two imply."""
+        """Return the setpoint of forward speed, yaw rate and the resulting acceleration to the right."""
         return body_velocity(self.MASK, to, now, steer, fed=(0.0, steer.speed * steer.yaw_rate, 0.0))

@@ -22,13 +22,13 @@ from circnav_mav.mav.setpoint_guard import Steer
 
 
 class ArduPlane(Autopilot):
-    """GUIDED (15): roll only; the autopilot keeps holding height and airspeed. Works without GPS.
+    """GUIDED (15): roll only. The autopilot holds height and airspeed. Works without GPS.
 
-    SET_ATTITUDE_TARGET mask 0xC6: bit 0 (roll rate ignore) CLEAR selects "roll" on Plane, bits 1 and 2 ignore pitch
-    and yaw, bit 6 ignore throttle (TECS keeps it), bit 7 ignore attitude SET: cleared, it would force pitch and rudder
-    as well. Body rates are never used. The roll of a coordinated turn is atan(w V/g); the airframe realises .70 .. 1.0
-    of it, which the turn-rate gain makes up for. Without setpoints for 3 s (fixed in 4.6) it loiters round the point
-    where GUIDED was entered, banking hard at once.
+    SET_ATTITUDE_TARGET mask 0xC6: bit 0 (roll rate ignore) CLEAR selects "roll" on Plane. Bits 1 and 2 ignore pitch
+    and yaw. Bit 6 ignores throttle (TECS controls it). Bit 7 (attitude ignore) is SET: cleared, it would command pitch
+    and rudder as well. Body rates are never used. The roll of a coordinated turn is atan(w V/g). The airframe achieves
+    0.70 to 1.0 of the turn, which the turn-rate gain compensates. Without setpoints for 3 s (fixed in 4.6) it loiters
+    around the point where GUIDED was entered, and banks hard at once.
     """
 
     MASK = 0xC6
@@ -47,7 +47,7 @@ class ArduPlane(Autopilot):
     echo = dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT
     needs = frozenset({"airspeed"})
     banks = measures_airspeed = cruises = True
-    least_turn_gain = 0.72  # it slips in its turns (flown: .70 .. .75)
+    least_turn_gain = 0.72  # it slips in turns (measured in flight: 0.70 to 0.75)
     parameters = (
         Rule((("ROLL_LIMIT_DEG", 1.0), ("LIM_ROLL_CD", 0.01)), bank_limit, unit="deg", advised=mission_bank),
         Rule((("AIRSPEED_CRUISE", 1.0), ("TRIM_ARSPD_CM", 0.01)), held_airspeed, unit="m/s", advised=mission_speed),
@@ -60,5 +60,5 @@ class ArduPlane(Autopilot):
     )
 
     def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
-        """The bank of the coordinated turn."""
+        """Return the bank of the coordinated turn."""
         return attitude(self.MASK, to, now, roll=self.bank(steer, to))

@@ -27,10 +27,10 @@ def _cruise_speed(value: float, context: Context) -> Verdict:
 
 
 class ArduRover(Autopilot):
-    """GUIDED (15): speed and yaw rate; needs an EKF origin and a speed (GPS or wheel encoders).
+    """GUIDED (15): speed and yaw rate. Needs an EKF origin and a speed (GPS or wheel encoders).
 
-    SET_POSITION_TARGET_LOCAL_NED mask 0x5C7: as the copter's, but bits 6..8 (acceleration) must be set; the frame is
-    irrelevant to Rover. Without setpoints for 3 s (fixed) it stops, says so and stays in GUIDED.
+    SET_POSITION_TARGET_LOCAL_NED mask 0x5C7: the copter's mask, but bits 6 to 8 (ignore acceleration) must be set.
+    Rover ignores the frame. Without setpoints for 3 s (fixed) it stops, reports that and stays in GUIDED.
     """
 
     MASK = 0x5C7
@@ -58,5 +58,5 @@ class ArduRover(Autopilot):
     )
 
     def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
-        """Forward speed and yaw rate."""
+        """Return the setpoint of forward speed and yaw rate."""
         return body_velocity(self.MASK, to, now, steer)

@@ -1,4 +1,4 @@
-"""What every vehicle offers, what it is given to make a setpoint of, and the setpoint messages themselves."""
+"""Interface of the vehicle adapters: their properties, the inputs of a setpoint, and the setpoint messages."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -18,11 +18,11 @@ from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.setpoint_guard import Steer
 
 PLAUSIBLE_AIRSPEED = (0.5, 1.6)
-"""Shares of the commanded airspeed between which a vehicle can fly at all: outside of them it is the sensor that lies
-(a blocked pitot tube), and a bank or a thrust made from it would be wrong for the whole flight."""
+"""Plausible measured airspeed, as shares of the commanded one. Outside of them the sensor is faulty (a blocked pitot
+tube), and bank and thrust computed from it would be wrong for the whole flight."""
 TRUSTED_AGAIN = (0.6, 1.5)
-"""Shares between which a doubted sensor is used again: at the bound itself thrust and bank would step each time that
-noise crosses it."""
+"""Shares between which a rejected sensor is used again. The hysteresis prevents steps of thrust and bank when noise
+crosses the bound."""
 STANDING = 0.3
 """Speed, m/s, below which a reported velocity has no direction."""
 VELOCITY_IGNORED = dialect.POSITION_TARGET_TYPEMASK_VX_IGNORE | dialect.POSITION_TARGET_TYPEMASK_AX_IGNORE
@@ -33,10 +33,10 @@ PLANE_TYPES = frozenset((dialect.MAV_TYPE_FIXED_WING,))
 
 @dataclass(frozen=True, slots=True)
 class VehicleFacts:
-    """What the mission says of the vehicle.
+    """Vehicle data from the mission.
 
     speed: V, m/s. max_bank: rad, for vehicles that turn by banking. stick_bank: bank at full stick (PX4's FW_R_LIM),
-    rad. trim_thrust: of level flight at V, 0 to 1, for a vehicle that takes thrust.
+    rad. trim_thrust: thrust in level flight at V, 0 to 1, for vehicles with thrust setpoints.
     """
 
     speed: float
@@ -45,15 +45,15 @@ class VehicleFacts:
     trim_thrust: float = 0.63
 
     def stick(self, bank: float) -> float:
-        """The roll stick of MANUAL_CONTROL, in thousandths to the right, that holds a bank (rad, right positive)."""
+        """Return the roll stick of MANUAL_CONTROL, thousandths to the right, for a bank (rad, right positive)."""
         return 1000 * min(max(bank / self.stick_bank, -1.0), 1.0)
 
 
 class Addressee(NamedTuple):
-    """Whom a setpoint is for, and what may be used beside the command.
+    """Target ids and vehicle state that a setpoint may use.
 
-    target_system, target_component: its ids. motion: what is known of the vehicle's own motion. height: altitude to
-    hold, m above sea level, None when the vehicle holds it or nothing is known. drag: of a copter, 1/s, as learnt.
+    target_system, target_component: ids of the vehicle. motion: its own motion. height: altitude to hold, m above sea
+    level, None if the vehicle holds it or it is unknown. drag: learned drag coefficient of a copter, 1/s.
     """
 
     target_system: int
@@ -65,12 +65,12 @@ class Addressee(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Firmware:
-    """What the vehicles of one autopilot share.
+    """Common properties of the vehicles of one autopilot.
 
-    key: its name in mission files. autopilot: MAV_AUTOPILOT of its HEARTBEAT. flown: the version whose behaviour our
-    messages were flown with. streams: message id -> Hz to ask for. mode_numbers: custom_mode -> parameters 2 and 3 of
-    MAV_CMD_DO_SET_MODE. bytewise: PARAM_VALUE carries the bytes of an integer, not its value. why_must_leave: why a
-    flight must end by a change of mode, and is not resumed after a takeover, for people; empty where neither is so.
+    key: its name in mission files. autopilot: MAV_AUTOPILOT of its HEARTBEAT. flown: version with which our messages
+    were tested in flight. streams: message id -> Hz to request. mode_numbers: custom_mode -> parameters 2 and 3 of
+    MAV_CMD_DO_SET_MODE. bytewise: True if PARAM_VALUE carries the bytes of an integer. why_must_leave: human-readable
+    reason why a flight must end with a mode change and is not resumed after a takeover, or empty.
     """
 
     key: str
@@ -83,47 +83,47 @@ class Firmware:
 
 
 class Autopilot(ABC):
-    """One vehicle kind: which mode is ours, the one setpoint message that steers it, and all that is special of it."""
+    """Adapter of one vehicle kind: its guided mode, its setpoint message and its special properties."""
 
     firmware: ClassVar[Firmware]
     name: ClassVar[str]
-    """For people."""
+    """Human-readable name."""
     bundled: ClassVar[tuple[str, ...]]
-    """Profiles of the bundled vehicle that imitate it."""
+    """Profiles of the bundled vehicle that emulate it."""
     vehicle_types: ClassVar[frozenset[int]]
     """MAV_TYPE values of its HEARTBEAT."""
     guided_mode: ClassVar[int]
-    """custom_mode in which setpoints are obeyed."""
+    """custom_mode in which the vehicle follows setpoints."""
     mode_names: ClassVar[Mapping[int, str]]
-    """custom_mode -> name, for people."""
+    """custom_mode -> human-readable name."""
     exits: ClassVar[Mapping[str, int]]
-    """Exit action -> the custom_mode that it commands."""
+    """Exit action -> commanded custom_mode."""
     default_exit: ClassVar[str] = "loiter"
-    """The exit action when the mission names none; "stop" leaves the vehicle in its mode and falls silent."""
+    """Exit action if the mission specifies none. "stop" keeps the mode and only ends the setpoints."""
     why_no_stop: ClassVar[str] = ""
-    """Why it must not be left in its mode, for people; empty where it may."""
+    """Human-readable reason why the exit action "stop" is not permitted, or empty."""
     shapes: ClassVar[frozenset[tuple[str, int | None]]]
-    """(message type, type_mask or None) pairs that may be sent, and no others."""
+    """(message type, type_mask or None) pairs that may be sent."""
     needs: ClassVar[frozenset[str]] = frozenset()
-    """Names of `Motion` fields without which it cannot be flown."""
+    """Names of the `Motion` fields that are required for a flight."""
     parameters: ClassVar[tuple[Rule, ...]]
-    """The autopilot's parameters that matter to a flight, and what their values imply."""
+    """Rules for the autopilot's parameters that affect a flight."""
     flies: ClassVar[bool] = True
-    """Whether it must be in the air before it may be engaged."""
+    """True if it must be in the air before it is engaged."""
     banks: ClassVar[bool] = False
-    """Whether it turns by banking, and a mission must limit its bank."""
+    """True if it turns by banking. The mission must then limit its bank."""
     measures_airspeed: ClassVar[bool] = False
-    """Whether VFR_HUD.airspeed is one: a copter without a sensor sends its ground speed there, not to be used."""
+    """True if VFR_HUD.airspeed is measured. A copter without a sensor sends its ground speed there."""
     cruises: ClassVar[bool] = False
-    """Whether it flies the airspeed that the autopilot itself holds, whatever the mission says."""
+    """True if the autopilot holds its own airspeed and ignores the mission's."""
     ground_speed_sigma: ClassVar[float | None] = None
-    """Share by which the ground speed may differ from the commanded one; None where the wind carries the vehicle."""
+    """Relative error of the ground speed to the commanded one, share. None if the wind moves the vehicle."""
     velocity_loop: ClassVar[VelocityLoop | None] = None
-    """How its velocity follows its nose; None where the nose shows the way."""
+    """Gains of the autopilot's velocity loop, for the lag of the velocity; None if the vehicle flies along its nose."""
     least_turn_gain: ClassVar[float] = 1.0
-    """The least realised over commanded turn rate to expect."""
+    """Least expected ratio of realized to commanded turn rate."""
     echo: ClassVar[int | None] = None
-    """Id of the message in which it reports the setpoint that it flies; None if it reports none."""
+    """Id of the message that reports the setpoint in use, or None."""
 
     def __init__(self, facts: VehicleFacts) -> None:
         self._facts = facts
@@ -131,29 +131,34 @@ class Autopilot(ABC):
 
     @property
     def guided_name(self) -> str:
-        """The mode that is ours, for people."""
+        """Human-readable name of the guided mode."""
         return self.mode_names[self.guided_mode]
 
     def wants_setpoints_in(self, mode: int | None) -> bool:
-        """Whether the guided mode is entered from this one only while setpoints flow, which it does not fly yet."""
+        """True if setpoints must already arrive in this mode before the guided mode can be entered.
+
+        The vehicle does not follow them yet.
+        """
         return False
 
     def request_mode(self, mode: int) -> Command:
-        """The command that asks for a mode, by the autopilot's own numbers."""
+        """Return the command that requests a mode, with the autopilot's own numbers."""
         numbers = self.firmware.mode_numbers(mode)
         return Command(dialect.MAV_CMD_DO_SET_MODE, (dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, *numbers))
 
     @abstractmethod
     def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
-        """The message that flies a steer."""
+        """Return the setpoint message for a command."""
 
     def safe_setpoint(self, to: Addressee, now: float) -> Message:
-        """The message to leave behind before falling silent: stand still, or fly straight on with the wings level."""
+        """Return the final setpoint before the stream ends: stop, or fly straight with level wings."""
         return self.setpoint(Steer(YawRate(0.0), 0.0), to, now)
 
     def airspeed(self, measured: float | None) -> float:
-        """The indicated airspeed to reckon with, m/s: as measured, or as commanded where that is missing or cannot be.
-        Asked again with the same number, it says the same."""
+        """Return the indicated airspeed to use, m/s: the measured one, or the commanded one if that is implausible.
+
+        Repeated calls with the same measurement give the same result.
+        """
         commanded = self._facts.speed
         if measured is None:
             return commanded
@@ -162,14 +167,16 @@ class Autopilot(ABC):
         return commanded if self._doubts_airspeed else measured
 
     def bank(self, steer: Steer, to: Addressee) -> float:
-        """The bank of the coordinated turn, atan(w V/g), within the mission's limit; rad, right positive."""
+        """Return the bank of the coordinated turn, atan(w V/g), within the mission's limit: rad, right positive."""
         airspeed, most = to.motion.true_airspeed(self.airspeed(to.motion.airspeed)), self._facts.max_bank
         return min(max(atan(steer.yaw_rate * airspeed / GRAVITY), -most), most)
 
 
 def turn_in(message: Message) -> float | None:
-    """Return the turn in a setpoint, or in the vehicle's report of one, right positive: yaw rate (rad/s), or bank (rad)
-    where attitudes are flown; None if it holds none."""
+    """Return the turn command in a setpoint, or in the vehicle's report of its setpoint, or None.
+
+    Right positive: yaw rate (rad/s), or bank (rad) for attitude setpoints.
+    """
     kind, mask = message.get_type(), getattr(message, "type_mask", 0)
     if kind in ("SET_ATTITUDE_TARGET", "ATTITUDE_TARGET"):
         return euler_from_quaternion(message.q)[0]
@@ -179,8 +186,8 @@ def turn_in(message: Message) -> float | None:
         return float(message.yaw_rate)
     if kind != "POSITION_TARGET_LOCAL_NED" or mask & VELOCITY_IGNORED:
         return None
-    # ArduCopter does not report the yaw rate, but the velocity and the acceleration that we feed forward: a = V w to
-    # the right of the velocity. Once our setpoints have timed out both are 0, which is no turn.
+    # ArduCopter reports no yaw rate, but the velocity and our feed-forward acceleration: a = V w to the right of the
+    # velocity. After a timeout of our setpoints both are 0, which means straight flight.
     speed2 = message.vx**2 + message.vy**2
     return float((message.vx * message.afy - message.vy * message.afx) / speed2) if speed2 > STANDING**2 else 0.0
 
@@ -194,8 +201,10 @@ def body_velocity(
     down: float = 0.0,
     fed: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Message:
-    """SET_POSITION_TARGET_LOCAL_NED in BODY_NED. down: m/s. fed: acceleration forward, right, down in the body frame,
-    m/s^2. What the mask leaves out is sent as zero."""
+    """Return a SET_POSITION_TARGET_LOCAL_NED in BODY_NED.
+
+    down: m/s. fed: feed-forward acceleration forward, right, down in the body frame, m/s^2. Ignored fields are 0.
+    """
     where = our_boot_ms(now), to.target_system, to.target_component, dialect.MAV_FRAME_BODY_NED
     position, velocity = (0.0, 0.0, 0.0), (steer.speed, 0.0, down)
     return dialect.MAVLink_set_position_target_local_ned_message(
@@ -204,7 +213,7 @@ def body_velocity(
 
 
 def attitude(mask: int, to: Addressee, now: float, *, roll: float, pitch: float = 0.0, thrust: float = 0.0) -> Message:
-    """SET_ATTITUDE_TARGET: roll and pitch in rad (right and nose-up positive), thrust 0..1, no rates, yaw 0."""
+    """Return a SET_ATTITUDE_TARGET. roll, pitch: rad (right, nose up positive). thrust: 0 to 1. Rates and yaw are 0."""
     q, rates = quaternion_from_euler(roll, pitch, 0.0), (0.0, 0.0, 0.0)
     return dialect.MAVLink_set_attitude_target_message(
         our_boot_ms(now), to.target_system, to.target_component, mask, q, *rates, thrust

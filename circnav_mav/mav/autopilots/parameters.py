@@ -1,4 +1,4 @@
-"""Rules for the autopilots' parameters: what the value of one implies for a flight. Each vehicle's file has its own."""
+"""Rules that judge autopilot parameters for a flight. The rules of each vehicle are in its own file."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -9,20 +9,22 @@ from circnav_mav.mav.frames import GRAVITY
 
 PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
 SHORT_TIMEOUT, LONG_TIMEOUT = 0.5, 5.0
-"""Seconds of silence before the vehicle's own answer: shorter trips over a hiccup, longer flies on blind."""
+"""Bounds of a good setpoint timeout, s. A shorter one reacts to a link hiccup, a longer one flies blind for long."""
 SPEED_NEAR, SPEED_FAR = 0.05, 0.2
-"""Fractions by which the speed that the autopilot holds may differ from the mission's: PASS, then WARN, then FAIL."""
+"""Largest fraction by which the autopilot's speed may differ from the mission's for PASS, and for WARN."""
 COMMON_WIND = 8.0
-"""Wind in which copters are commonly flown, m/s: a lean limit that allows less is worth a warning."""
+"""Common wind for copter flights, m/s. A lean limit too small for this wind gives a warning."""
 ROUNDING = 1e-6
-"""Fraction by which the vehicle's 2.3, reported in 32 bits, and the mission's may differ."""
+"""Rounding error of a vehicle's value in 32 bits against the mission's, fraction."""
 
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What a rule may know besides its value: the mission's speed (m/s), limits of turn rate (deg/s) and bank, bank at
-    full stick (deg) and tick (s), the vehicle's system id, every parameter read, and the turn rate of the smallest
-    circle (rad/s)."""
+    """Inputs of a rule besides its value.
+
+    speed: m/s, max_turn_rate_deg: deg/s, max_bank_deg, stick_bank_deg (bank at full stick): deg, tick: s, all from the
+    mission. system: id of the vehicle. values: all parameters read. circle_turn_rate: on the smallest circle, rad/s.
+    """
 
     speed: float
     max_turn_rate_deg: float
@@ -42,9 +44,10 @@ Judge = Callable[[float, Context], Verdict]
 class Rule:
     """Rule for one parameter.
 
-    names: in different versions, newest first, each with the factor to the unit that `judge` takes. optional: not every
-    vehicle has it, no line when it is missing. unit: that `judge` takes. advised: function from the context to the
-    value for this mission in that unit, an int if the parameter is one; None where airframe or operator decide.
+    names: parameter names of different versions, newest first, each with its factor to `unit`. optional: True if some
+    vehicles lack it; a missing one gives no line. unit: unit of the value for `judge`. advised: function from the
+    context to the recommended value in that unit, an int if the parameter is one; None if it depends on airframe or
+    operator.
     """
 
     names: tuple[tuple[str, float], ...]
@@ -54,7 +57,7 @@ class Rule:
     advised: Callable[[Context], float] | None = None
 
     def check(self, context: Context) -> Check | None:
-        """The line of the parameter, also of one that the vehicle does not know unless it is optional."""
+        """Return the result for the parameter: a warning if it is missing, or None if it is also optional."""
         for name, factor in self.names:
             if name in context.values:
                 value = context.values[name]
@@ -97,17 +100,17 @@ def enough_speed(usual: float) -> Callable[[Context], float]:
 
 
 def below(value: float, other: float) -> bool:
-    """Whether a value is below another by more than what 32 bits and a change of units leave of equal ones."""
+    """True if a value is below another by more than the rounding of 32 bits and of unit conversion."""
     return value < other - ROUNDING * abs(other)
 
 
 def one_of(special: Mapping[int, Verdict], otherwise: Verdict) -> Judge:
-    """By the value as a number."""
+    """Return a judge with a verdict per integer value, and one for all other values."""
     return lambda value, context: special.get(int(value), otherwise)
 
 
 def at_least(wanted: Callable[[Context], float], fits: str, lacks: str, grade: Grade = FAIL) -> Judge:
-    """The value must reach what the mission wants; {:g} in the words is that."""
+    """Return a judge of a value that must reach the mission's. {:g} in the texts is the mission's value."""
 
     def judge(value: float, context: Context) -> Verdict:
         number = wanted(context)
@@ -117,7 +120,7 @@ def at_least(wanted: Callable[[Context], float], fits: str, lacks: str, grade: G
 
 
 def timeout(what_follows: str) -> Judge:
-    """How long the vehicle flies on without setpoints, s."""
+    """Return a judge of the setpoint timeout, s."""
 
     def judge(seconds: float, context: Context) -> Verdict:
         words = f"{seconds:g} s after the last setpoint it {what_follows}"
@@ -133,7 +136,7 @@ def timeout(what_follows: str) -> Judge:
 
 
 def held_airspeed(value: float, context: Context) -> Verdict:
-    """The speed that the autopilot holds by itself, m/s."""
+    """Judge the airspeed that the autopilot holds, m/s."""
     off = abs(value / context.speed - 1)
     grade = PASS if off <= SPEED_NEAR else WARN if off <= SPEED_FAR else FAIL
     words = f"the autopilot holds {value:g} m/s, the mission counts on {context.speed:g}"
@@ -141,7 +144,7 @@ def held_airspeed(value: float, context: Context) -> Verdict:
 
 
 def least_airspeed(value: float, context: Context) -> Verdict:
-    """The stall protection, m/s."""
+    """Judge the least airspeed (stall protection), m/s."""
     bound = f"the mission's {context.speed:g} m/s"
     return (FAIL, f"above {bound}") if below(context.speed, value) else (PASS, f"below {bound}")
 
@@ -153,11 +156,11 @@ bank_limit = at_least(
     "the autopilot banks less than the {:g} deg that the mission counts on: lower vehicle.max_bank_deg",
 )
 COPTER_DRAG = 0.3
-"""Drag of a bare quadrotor, 1/s, before a flight tells: simulated and flown ones have 0.15 to 1."""
+"""Default drag coefficient of a bare quadrotor, 1/s. Simulated and flown copters have 0.15 to 1."""
 
 
 def lean_limit(degrees_: float, context: Context) -> Verdict:
-    """The lean that a copter may use: against the air at V plus wind, and to the inside of its circle, deg."""
+    """Judge the lean limit of a copter, deg. It leans against the airflow at V plus wind, and into its circle."""
     push, inward = GRAVITY * tan(radians(min(max(degrees_, 0.0), 80.0))), context.speed * context.circle_turn_rate
     wind = sqrt(max(push**2 - inward**2, 0.0)) / COPTER_DRAG - context.speed
     leans = f"it leans {degrees_:g} deg at most"

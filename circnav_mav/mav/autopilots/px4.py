@@ -1,8 +1,8 @@
-"""What PX4's vehicles share, and those flown in OFFBOARD.
+"""Common parts of PX4's vehicles, and of those flown in OFFBOARD.
 
-Signs, masks and timeouts are those flown on PX4 main (2026-03) in its simulator. PX4 acknowledges a mode change
-before it decides, and returns to OFFBOARD by itself when setpoints resume: the mode is read from HEARTBEAT and
-CURRENT_MODE only, and giving control back always commands another mode.
+Signs, masks and timeouts were tested on PX4 main (2026-03) in its simulator. PX4 acknowledges a mode change before it
+decides, so the mode is read from HEARTBEAT and CURRENT_MODE only. It returns to OFFBOARD by itself when setpoints
+resume, so circnav always commands another mode to return control.
 """
 
 from types import MappingProxyType
@@ -17,12 +17,12 @@ ALTCTL, POSCTL, AUTO, OFFBOARD, ALT_CRUISE = 2, 3, 4, 6, 11
 
 
 def custom_mode(main: int, sub: int = 0) -> int:
-    """HEARTBEAT.custom_mode of a PX4 main and sub mode."""
+    """Return HEARTBEAT.custom_mode for a PX4 main and sub mode."""
     return main << 16 | sub << 24
 
 
 def main_and_sub(mode: int) -> tuple[int, int]:
-    """And back: what MAV_CMD_DO_SET_MODE takes as p2 and p3."""
+    """Return main and sub mode of a custom_mode: parameters 2 and 3 of MAV_CMD_DO_SET_MODE."""
     return mode >> 16 & 0xFF, mode >> 24 & 0xFF
 
 
@@ -37,7 +37,7 @@ PX4 = Firmware(
         dialect.MAVLINK_MSG_ID_ATTITUDE: 20.0,
         dialect.MAVLINK_MSG_ID_VFR_HUD: 10.0,
         dialect.MAVLINK_MSG_ID_HIGHRES_IMU: 25.0,
-        dialect.MAVLINK_MSG_ID_CURRENT_MODE: 2.0,  # HEARTBEAT stays at 1 Hz whatever is asked
+        dialect.MAVLINK_MSG_ID_CURRENT_MODE: 2.0,  # the rate of HEARTBEAT is fixed at 1 Hz
     },
     mode_numbers=main_and_sub,
     bytewise=True,
@@ -46,7 +46,7 @@ PX4 = Firmware(
 
 
 class PX4Vehicle(Autopilot):
-    """Modes, exits and OFFBOARD's hunger for setpoints."""
+    """Modes and exits of PX4, and its requirement for setpoints before OFFBOARD."""
 
     firmware = PX4
     mode_names = MappingProxyType(
@@ -71,7 +71,7 @@ class PX4Vehicle(Autopilot):
     guided_mode = custom_mode(OFFBOARD)
 
     def wants_setpoints_in(self, mode: int | None) -> bool:
-        """OFFBOARD is refused without; every other mode ignores them."""
+        """True: PX4 rejects OFFBOARD without a setpoint stream, and ignores setpoints in every other mode."""
         return True
 
 
@@ -108,4 +108,4 @@ OFFBOARD_RULES = (
     rule("COM_RC_OVERRIDE", _sticks_override),
     rule("COM_RC_LOSS_T", lambda value, context: (PASS, f"a transmitter silent for {value:g} s counts as lost")),
 )
-"""Of every vehicle flown in OFFBOARD."""
+"""Parameter rules for all vehicles flown in OFFBOARD."""

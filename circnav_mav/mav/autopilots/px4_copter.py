@@ -26,22 +26,22 @@ _yaw_rate_limit = at_least(
 
 
 def _enough_yaw_rate(context: Context) -> float:
-    """Return the firmware's default of 200 deg/s, or the mission's limit."""
+    """Return the larger of the firmware's default of 200 deg/s and the mission's limit."""
     return max(200.0, context.max_turn_rate_deg)
 
 
 CLIMB_GAIN = 0.5
-"""Climb rate, m/s, per m of missing height, as flown on PX4's simulated copter."""
+"""Climb rate, m/s, per m of height error, tuned on PX4's simulated copter."""
 
 
 class PX4Copter(PX4Vehicle):
-    """OFFBOARD (6): body velocity and yaw rate, height held by us through the climb rate.
+    """OFFBOARD (6): body velocity and yaw rate. circnav holds the height by the climb rate.
 
-    SET_POSITION_TARGET_LOCAL_NED, frame BODY_NED (8; 7, 9, 12 and 20 are dropped), mask 0x407: all three velocities and
-    accelerations must be used, masking one of them masks its kind. The acceleration is fed forward: without it the
-    ground speed droops and the course lags the nose by 10 .. 40 degrees (guidance.velocity_loop). vz = 0 does not hold
-    height (it wandered 15 m), so vz = gain (altitude - wanted), down positive. Turn rate true to 1 %. Without setpoints
-    for COM_OF_LOSS_T (1 s): failsafe, RTL without RC.
+    SET_POSITION_TARGET_LOCAL_NED, frame BODY_NED (8; PX4 drops 7, 9, 12 and 20), mask 0x407: all three velocities and
+    accelerations must be used, because masking one masks all three of its kind. Without feed-forward acceleration the
+    ground speed drops and the course lags the nose by 10 to 40 degrees (guidance.velocity_loop). vz = 0 does not hold
+    height (drift of 15 m), so vz = gain (altitude - height), down positive. The turn rate is accurate to 1 %. Without
+    setpoints for COM_OF_LOSS_T (1 s): failsafe, RTL without RC.
     """
 
     MASK = 0x407
@@ -51,7 +51,7 @@ class PX4Copter(PX4Vehicle):
     shapes = frozenset({("SET_POSITION_TARGET_LOCAL_NED", MASK)})
     needs = frozenset({"altitude"})
     echo = dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
-    ground_speed_sigma = 0.05  # a drag that only the flight tells takes some of it
+    ground_speed_sigma = 0.05  # the drag, unknown before a flight, reduces the speed
     velocity_loop = VelocityLoop(proportional=1.8, integral=0.4, derivative=0.2)  # MPC_XY_VEL_P_ACC, _I_, _D_
     parameters = (
         *OFFBOARD_RULES,
@@ -61,14 +61,14 @@ class PX4Copter(PX4Vehicle):
     )
 
     def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
-        """Forward speed and yaw rate at the height to hold, and the acceleration that both need."""
+        """Return the setpoint of forward speed, yaw rate and climb rate, with the feed-forward acceleration."""
         push, right = self.velocity_loop.fed(steer.speed, steer.yaw_rate, to.drag)
-        # PX4 turns velocities by the yaw alone, accelerations by the whole attitude: 10 % would be missing at 26 deg
+        # PX4 rotates velocities by the yaw alone, accelerations by the whole attitude: at 26 deg this is a 10 % error
         fed = body_from_level(push, right, to.motion.roll or 0.0, to.motion.pitch or 0.0)
         return body_velocity(self.MASK, to, now, steer, down=self._down(to), fed=fed)
 
     def _down(self, to: Addressee) -> float:
-        """Descent rate that returns to the height to hold, m/s; 0 when one of the two heights is not known."""
+        """Return the descent rate that corrects the height, m/s; 0 if one of the two heights is unknown."""
         altitude = to.motion.altitude
         if altitude is None or to.height is None:
             return 0.0

@@ -1,4 +1,4 @@
-"""PX4 fixed wing in OFFBOARD, flown by attitude and thrust."""
+"""PX4 fixed wing in OFFBOARD with attitude and thrust setpoints."""
 
 from math import cos
 
@@ -11,18 +11,18 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.setpoint_guard import MAX_PITCH, Steer
 
 THRUST_PER_SPEED, THRUST_PER_BANK = 0.08, 0.25
-"""Thrust (0 to 1) per m/s of missing airspeed, and per 1/cos(roll) - 1. Flown on PX4's simulated plane at 10 m/s, as
-are the next ones."""
+"""Thrust (0 to 1) per m/s of airspeed error, and per 1/cos(roll) - 1. Tuned on PX4's simulated plane at 10 m/s, like
+the next two gains."""
 PITCH_PER_HEIGHT, PITCH_PER_CLIMB = 0.02, 0.04
-"""Pitch, rad, per m of missing height, and against each m/s of climb."""
+"""Pitch, rad, per m of height error, and reduction per m/s of climb."""
 
 
 class PX4PlaneAttitude(PX4Vehicle):
-    """OFFBOARD (6) by attitude: roll for the turn, pitch and thrust from our own height and airspeed loops.
+    """OFFBOARD (6) with attitude setpoints: roll for the turn, pitch and thrust from our height and airspeed loops.
 
-    SET_ATTITUDE_TARGET mask 7: all three rates ignored (bits 0..2), thrust used (bit 6 clear: ignoring it means thrust
-    0), attitude used (bit 7 clear). The yaw in q is ignored on a fixed wing. PX4 holds neither height nor speed here.
-    Without setpoints for COM_OF_LOSS_T (1 s): failsafe.
+    SET_ATTITUDE_TARGET mask 7: all three rates ignored (bits 0 to 2), thrust used (bit 6 clear, because ignored thrust
+    means 0), attitude used (bit 7 clear). The yaw in q is ignored on a fixed wing. PX4 holds neither height nor speed
+    in this mode. Without setpoints for COM_OF_LOSS_T (1 s): failsafe.
     """
 
     MASK = 0x07
@@ -37,7 +37,7 @@ class PX4PlaneAttitude(PX4Vehicle):
     parameters = (*OFFBOARD_RULES, rule("FW_AIRSPD_MIN", least_airspeed), rule("FW_AIRSPD_MAX", most_airspeed))
 
     def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
-        """The bank of the coordinated turn, with the pitch and thrust that keep height and speed in it."""
+        """Return the bank of the coordinated turn, with the pitch and thrust that hold height and speed."""
         roll = self.bank(steer, to)
         motion = to.motion
         pitch, thrust = 0.0, self._facts.trim_thrust + THRUST_PER_BANK * (1 / cos(roll) - 1)

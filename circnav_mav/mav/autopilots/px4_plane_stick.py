@@ -1,4 +1,4 @@
-"""PX4 fixed wing in ALTCTL, flown by the roll stick."""
+"""PX4 fixed wing in ALTCTL with the roll stick."""
 
 from types import MappingProxyType
 
@@ -26,13 +26,13 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.setpoint_guard import Steer
 
 STICK_SCALE = 0.5
-"""Degrees by which the bank at full stick may differ from the mission's."""
+"""Largest difference between the bank at full stick and the mission's value, deg."""
 _STICK_LOSS: dict[float, str] = {1: "stays in Hold", 2: "flies home (RTL)", 3: "lands where it is"}
 _STOPS_MOTORS = {5: "terminates the flight", 6: "disarms"}
 _STOCK_STICK_LOSS = 2.0
-"""Default of NAV_RCL_ACT: return."""
+"""Default of NAV_RCL_ACT: RTL."""
 _HOLD_EXCEPTED = 2
-"""COM_RCL_EXCEPT, bit 1."""
+"""Bit 1 of COM_RCL_EXCEPT: Hold."""
 _NO_STICKS = (FAIL, "sticks from MAVLink are ignored: set it to 1 (MAVLink only)")
 _OUR_STICKS = (PASS, "only sticks from MAVLink count: the pilot's own do nothing, changing the mode does")
 _OTHER_STICKS = (WARN, "the pilot's transmitter may count instead of us: 1 (MAVLink only) is sure")
@@ -46,7 +46,10 @@ def _stick_loss(value: float, context: Context) -> Verdict:
 
 
 def _stick_loss_action(value: float, context: Context) -> Verdict:
-    """What PX4 does in whatever mode it is when our stick ends, for it has then heard manual control."""
+    """Judge NAV_RCL_ACT: PX4's action when our stick messages end.
+
+    PX4 then reports lost manual control in any mode, because it has received some before.
+    """
     when = "when our sticks end (takeover, end of the mission, our exit), in any mode but those of COM_RCL_EXCEPT"
     if stops := _STOPS_MOTORS.get(int(value)):
         return FAIL, f"{when}, it {stops} in the air: set it to 2 (RTL) or 1 (Hold)"
@@ -74,12 +77,12 @@ def _stick_bank(value: float, context: Context) -> Verdict:
 
 
 class PX4PlaneStick(PX4Vehicle):
-    """ALTCTL (2): the roll stick by MANUAL_CONTROL; PX4 holds height and speed. Needs no position.
+    """ALTCTL (2): roll stick by MANUAL_CONTROL. PX4 holds height and speed. Needs no position.
 
     MANUAL_CONTROL: y = 1000 roll/FW_R_LIM (right positive), x = 0 holds height, z = 500 is trim speed, r = 0 (PX4
-    coordinates). Set COM_RC_IN_MODE so that PX4 listens to it; the pilot's own sticks then do nothing until the pilot
-    changes the mode, which takes the vehicle. Silence for COM_RC_LOSS_T, in any mode that COM_RCL_EXCEPT does not name:
-    Hold, then NAV_RCL_ACT (RTL), with no return.
+    coordinates turns). Set COM_RC_IN_MODE so that PX4 accepts it. The pilot's own sticks then have no effect until the
+    pilot takes over by changing the mode. After a silence of COM_RC_LOSS_T, in any mode not listed in COM_RCL_EXCEPT:
+    Hold, then NAV_RCL_ACT (RTL), without an automatic return.
     """
 
     name = "px4 plane"
@@ -90,7 +93,7 @@ class PX4PlaneStick(PX4Vehicle):
     shapes = frozenset({("MANUAL_CONTROL", None)})
     needs = frozenset({"airspeed"})
     banks = measures_airspeed = cruises = True
-    least_turn_gain = 0.72  # as ArduPlane, not flown long enough to know better
+    least_turn_gain = 0.72  # value of ArduPlane, not flown long enough for a better one
     parameters = (
         rule(
             "COM_RC_IN_MODE", one_of({0: _NO_STICKS, 1: _OUR_STICKS, 4: _NO_STICKS}, _OTHER_STICKS), advised=always(1)
@@ -105,10 +108,10 @@ class PX4PlaneStick(PX4Vehicle):
     )
 
     def wants_setpoints_in(self, mode: int | None) -> bool:
-        """ALTCTL is refused without a stick; the AUTO modes do not heed it, those flown by stick would."""
+        """True in AUTO modes, which ignore the stick; manual modes follow it. PX4 rejects ALTCTL without a stick."""
         return mode is not None and main_and_sub(mode)[0] == AUTO
 
     def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
-        """The stick that holds the bank of the coordinated turn."""
+        """Return the stick position that holds the bank of the coordinated turn."""
         y = round(self._facts.stick(self.bank(steer, to)))
         return dialect.MAVLink_manual_control_message(to.target_system, 0, y, 500, 0, 0)

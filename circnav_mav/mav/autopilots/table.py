@@ -1,4 +1,4 @@
-"""The vehicles by (autopilot, kind) of the mission file, and why the others are not there."""
+"""Adapters by (autopilot, kind) of the mission file, and the reasons why other vehicles are not supported."""
 
 from circnav_mav.mav.autopilots.ardupilot_copter import ArduCopter
 from circnav_mav.mav.autopilots.ardupilot_plane import ArduPlane
@@ -16,7 +16,7 @@ AUTOPILOTS: dict[tuple[str, str], type[Autopilot]] = {
     ("px4", "plane"): PX4PlaneStick,
     ("px4", "plane attitude"): PX4PlaneAttitude,
 }
-"""The vehicles that can be flown without position, or by the autopilot's own velocity estimate."""
+"""Vehicles that can be flown without position, or with the autopilot's velocity estimate."""
 
 REFUSED: dict[tuple[str, str], str] = {
     ("ardupilot", "copter nogps"): (
@@ -28,11 +28,11 @@ REFUSED: dict[tuple[str, str], str] = {
         "steers them, and the first keeps driving after the stream stops"
     ),
 }
-"""The vehicles that cannot, with the reason for people."""
+"""Vehicles that cannot be flown, with a human-readable reason."""
 
 
 DEFAULT_METHODS = {"plane": "stick"}
-"""The method by which a kind is steered where the mission names none; PX4's planes have another."""
+"""Default steering method of a kind if the mission names none. PX4's planes also have another."""
 _KEYS = (*AUTOPILOTS, *REFUSED)
 MISSION_AUTOPILOTS = (*dict.fromkeys(autopilot for autopilot, _ in _KEYS), "auto")
 MISSION_KINDS = tuple(dict.fromkeys(kind.split()[0] for _, kind in _KEYS))
@@ -40,7 +40,7 @@ MISSION_METHODS = tuple(
     dict.fromkeys((*DEFAULT_METHODS.values(), *(method for _, kind in _KEYS for method in kind.split()[1:])))
 )
 MISSION_EXITS = ("stop", *dict.fromkeys(name for vehicle in AUTOPILOTS.values() for name in vehicle.exits))
-"""The words of a mission file."""
+"""Permitted values in a mission file."""
 
 
 def table_key(autopilot: str, kind: str, method: str | None) -> tuple[str, str]:
@@ -48,7 +48,7 @@ def table_key(autopilot: str, kind: str, method: str | None) -> tuple[str, str]:
 
 
 def allowed(autopilot: str, kind: str | None) -> dict[tuple[str, str], type[Autopilot]]:
-    """The rows that a mission allows; `auto` allows all of the kind; where no kind is given, all flown by default."""
+    """Return the rows that a mission allows. `auto` allows all autopilots. Without a kind, all default methods."""
     return {
         (whose, what): vehicle
         for (whose, what), vehicle in AUTOPILOTS.items()

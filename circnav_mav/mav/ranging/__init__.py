@@ -1,1 +1,1 @@
-"""Messages that can carry a range: rows of `table`; `reader` makes range samples of them."""
+"""Messages that can carry a range (`table`), and their conversion to range samples (`reader`)."""

@@ -1,7 +1,7 @@
-"""Calibration of a ranging radio: from the range that it reports to the true one.
+"""Calibration of a ranging radio: conversion of the reported range to the true one.
 
-`circnav ranging calibrate` measures the error of a radio, the mission carries it, and this module applies its inverse
-to each reading, once, before any other use. A position never changes it in flight.
+`circnav ranging calibrate` measures the error of a radio, and the mission file contains it. This module applies its
+inverse once to each reading, before any other use. The calibration never changes in flight.
 """
 
 from bisect import bisect_right
@@ -10,13 +10,16 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 Point = tuple[float, float]
-"""True and reported length of one range, m."""
+"""True and reported range, m."""
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Error of a radio, as it was measured. A range is reported as `scale` times its length plus `bias` (m), or, if
-    there are `points`, on the straight lines through them. delay: age of a range at the time of its stamp, s."""
+    """Measured error of a radio.
+
+    reported = `scale` * true + `bias` (m). If `points` are given, it lies on the straight lines through them instead.
+    delay: age of a range at the time of its stamp, s.
+    """
 
     scale: float = 1.0
     bias: float = 0.0
@@ -25,21 +28,21 @@ class Calibration:
 
     @property
     def is_set(self) -> bool:
-        """True if it changes a reading."""
+        """True if the calibration changes a reading."""
         return self != Calibration()
 
     def reported(self, true: float) -> float:
-        """Return what the radio reports at a true range, m."""
+        """Return the reported range at a true range, m."""
         (x0, y0), slope = self._segment([x for x, _ in self.points], true)
         return y0 + slope * (true - x0)
 
     def true(self, reported: float) -> tuple[float, float]:
-        """Return the true range (m) of a reported one, and its change per meter reported, by which noise grows."""
+        """Return the true range of a reported one, m, and the slope true/reported, which scales the noise."""
         (x0, y0), slope = self._segment([y for _, y in self.points], reported)
         return x0 + (reported - y0) / slope, 1 / slope
 
     def _segment(self, ends: Sequence[float], value: float) -> tuple[Point, float]:
-        """Return the start and the slope of the line that holds for a value. The outer lines go on beyond the ends."""
+        """Return the start and the slope of the line for a value. The outer lines extend beyond the ends."""
         if not self.points:
             return (0.0, self.bias), self.scale
         at = min(max(bisect_right(ends, value) - 1, 0), len(self.points) - 2)
@@ -47,12 +50,15 @@ class Calibration:
         return (x0, y0), (y1 - y0) / (x1 - x0)
 
     def describe(self) -> str:
-        """Return the calibration in words."""
+        """Return the calibration, human-readable."""
         parts = [f"{len(self.points)} points" if self.points else f"scale {self.scale:.4f}, bias {self.bias:+.2f} m"]
         parts += [f"delay {self.delay:.3f} s"] if self.delay else []
         return ", ".join(parts)
 
 
 def rising(points: Sequence[Sequence[float]]) -> bool:
-    """True if points are two or more, and both lengths rise from each to the next: then each reading has one range."""
+    """True for at least two points if true and reported values increase from each to the next.
+
+    Then each reading has a unique range.
+    """
     return len(points) >= 2 and all(a[0] < b[0] and a[1] < b[1] for a, b in pairwise(points))

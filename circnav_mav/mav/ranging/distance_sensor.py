@@ -1,4 +1,4 @@
-"""DISTANCE_SENSOR (132): what ArduPilot and PX4 forward; cm, ms since boot."""
+"""DISTANCE_SENSOR (132): forwarded by ArduPilot and PX4; cm, ms since boot."""
 
 from circnav_mav.mav.clocks import BOOT_WRAP
 from circnav_mav.mav.codec import Message
@@ -7,12 +7,14 @@ from circnav_mav.mav.ranging.interface import RangingMessage, RangingSettings, R
 DOWNWARD = 25
 """MAV_SENSOR_ROTATION_PITCH_270: a height sensor, never a ranging radio."""
 UNKNOWN_VARIANCE = (0, 255)
-"""255 by the definition; ArduPilot fills in 0 always."""
+"""Covariances that mean unknown: 255 in the message definition, 0 as ArduPilot always sends."""
 
 
 def _read(message: Message) -> Reading | Reject | None:
-    """cm; covariance in cm^2; quality 1 means invalid. At or beyond max_distance the autopilots send what they have:
-    no range."""
+    """Return the reading of a message: cm, covariance in cm^2, quality 1 for invalid.
+
+    At or beyond max_distance autopilots send a placeholder, not a range.
+    """
     if message.orientation == DOWNWARD:
         return None
     cm = message.current_distance

@@ -1,4 +1,4 @@
-"""Drivers of ranging radios: their interface, and the installed ones by name (entry points `circnav.ranging`)."""
+"""Drivers of ranging radios: interface, and installed drivers by name (entry points `circnav.ranging`)."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -7,13 +7,13 @@ from numbers import Integral, Real
 from typing import Any, Protocol
 
 MOST_BEACON = 65535
-"""Largest id of a beacon: 16 bits, as RANGING_BEACON carries it."""
+"""Largest beacon id: 16 bits, as in RANGING_BEACON."""
 GROUP = "circnav.ranging"
 TRANSPORTS = ("udp", "udpin", "udpout", "tcp", "tcpout", "serial", "sim")
-"""How endpoints begin that a driver's name does not."""
+"""Prefixes of endpoints without a driver name."""
 FAILURES = (Exception, SystemExit)
-"""What a driver may raise. One that ends a program of its own by sys.exit() must not end the flight without a safe
-setpoint."""
+"""Exceptions that a driver may raise. A driver that calls sys.exit() must not end the flight without a safe setpoint.
+"""
 ATTRIBUTES: dict[str, Any] = {"baud": int, "line_end": bytes, "unread": int, "receive": Callable, "ask": Callable}
 """Attributes that a driver must have, with their types."""
 
@@ -22,9 +22,9 @@ ATTRIBUTES: dict[str, Any] = {"baud": int, "line_end": bytes, "unread": int, "re
 class RadioReading:
     """One measured range.
 
-    range: slant, m; not finite or not above 0: none was measured. beacon: id of the other radio. sigma: standard
-    deviation, m, None where the radio tells none. stamp: when it was measured, s of the radio's own clock; None: when
-    it arrives.
+    range: slant, m; not finite or not above 0 means no measurement. beacon: id of the other radio. sigma: standard
+    deviation, m, None if the radio reports none. stamp: measurement time, s of the radio's own clock, None for the
+    arrival time.
     """
 
     range: float
@@ -43,10 +43,10 @@ class RadioReading:
 
 
 class Driver(Protocol):
-    """One radio on one port. Times are seconds of our clock; a driver asks nobody else for the time.
+    """Driver of one radio on one port. Times are seconds of our clock. A driver must not read any other clock.
 
-    baud: of its serial line, unless the port says another. line_end: ends a line of text that a datagram leaves open;
-    empty for a radio that speaks binary. unread: bytes so far that were not understood.
+    baud: default rate of its serial line, if the port specifies none. line_end: terminates a text line at the end of a
+    datagram, empty for a binary protocol. unread: number of bytes so far that could not be decoded.
     """
 
     baud: int
@@ -54,26 +54,26 @@ class Driver(Protocol):
     unread: int
 
     def receive(self, data: bytes, now: float) -> Sequence[RadioReading]:
-        """The readings that these bytes complete; a message may come in any number of pieces."""
+        """Return the readings that these bytes complete. A message may arrive in any number of pieces."""
         ...
 
     def ask(self, now: float) -> bytes:
-        """What to send to the radio now, if anything. Called at least 20 times a second."""
+        """Return the bytes to send to the radio now, possibly none. Called at least 20 times a second."""
         return b""
 
 
 class DriverError(Exception):
-    """A driver that is not there or does not load, in one line."""
+    """A driver that is missing or does not load. Its message is one line."""
 
 
 def split_driver(endpoint: str) -> tuple[str | None, str]:
-    """The driver's name of `linktrack:/dev/ttyUSB0` and its port; no driver for an endpoint that speaks MAVLink."""
+    """Return driver name and port of an endpoint (`linktrack:/dev/ttyUSB0`). A MAVLink endpoint has no driver: None."""
     name, sign, port = endpoint.partition(":")
     return (None, endpoint) if name in TRANSPORTS or not sign else (name, port)
 
 
 def make_driver(name: str) -> Driver:
-    """Make a driver by its name. Raises DriverError."""
+    """Return a new driver by its name. Raises DriverError."""
     others = {point.name: point for point in entry_points(group=GROUP)}
     if name not in others:
         known = ", ".join(sorted(others))
@@ -83,6 +83,6 @@ def make_driver(name: str) -> Driver:
         for attribute, kind in ATTRIBUTES.items():
             if not isinstance(getattr(made, attribute, None), kind):
                 raise TypeError(f"its {attribute} is missing or not {kind.__name__}")
-    except FAILURES as error:  # of another package
+    except FAILURES as error:  # raised by another package
         raise DriverError(f"driver {name!r} of {others[name].value} does not load: {error!r}") from None
     return made

@@ -1,6 +1,6 @@
-"""What a ranging message says in SI units, or why it says nothing.
+"""Reading of a ranging message in SI units, or the reason for its rejection.
 
-Units change in the messages' files: centimetres, millimetres, milliseconds and microseconds end at that door.
+The file of each message converts its units (centimeters, millimeters, milliseconds, microseconds).
 """
 
 from collections.abc import Callable, Mapping
@@ -14,7 +14,7 @@ from circnav_mav.mav.ranging.calibration import Calibration
 
 
 class Reject(Enum):
-    """Why a ranging message did not become a sample."""
+    """Reason why a ranging message did not become a sample."""
 
     WRONG_SOURCE = "wrong_source"
     OTHER_SENSOR = "other_sensor"
@@ -38,14 +38,14 @@ class Reject(Enum):
 
 
 OTHERS = frozenset({Reject.WRONG_SOURCE.value, Reject.OTHER_SENSOR.value})
-"""What is not ours to take, and no fault of our sensor."""
+"""Reasons for messages of other sensors, which do not indicate a fault of ours."""
 EXPLAINED = frozenset({Reject.AMBIGUOUS.value, Reject.NO_HEIGHT.value})
-"""Reasons that the operator is shown with their remedy as long as they hold."""
+"""Reasons that are shown to the operator with their remedy while they apply."""
 _CLOCK = frozenset({Reject.STAMP_JUMP.value, Reject.CLOCK.value})
 
 
 def describe_rejected(rejected: Mapping[str, int]) -> str:
-    """How many ranges were rejected for which reason, for people."""
+    """Return the number of rejected ranges by reason, human-readable."""
     counts = (
         f"{count} {reason}{' (sensor clock stepped)' if reason in _CLOCK else ''}" for reason, count in rejected.items()
     )
@@ -54,17 +54,16 @@ def describe_rejected(rejected: Mapping[str, int]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class RangingSettings:
-    """Which ranging telemetry to use: [ranging] of the mission under its own names, and what the rest tells.
+    """Selection of the ranging telemetry: keys of [ranging] in the mission, and values derived from other sections.
 
     message: mission name of the message. beacon_id, sensor_id, orientation, name: its filters. system_id, component_id:
-    the sender, None for the first that fits. sigma_m: standard deviation to assume when the message carries none.
-    max_range_m: largest slant range accepted. max_age: oldest sample taken, s. stamp: whose time is used, the
-    message's own ("sensor") or ours ("arrival"). rate_hz: how often the sensor measures. resent: the sender is known to
-    repeat values faster than that. max_sigma: standard deviation, reported or measured, m, above which a range is of no
-    use. rate_name: the NAMED_VALUE_FLOAT that carries the range rate, None for none. rate_sign: "opening" where it is
-    positive away from the target, "closing" where it is positive towards it. rate_sigma_mps: standard deviation to
-    assume. listens: False to steer without having listened for a second source. calibration: error of the radio, taken
-    off each reading.
+    the sender, None for the first that fits. sigma_m: standard deviation if the message carries none. max_range_m:
+    largest accepted slant range. max_age: oldest accepted sample, s. stamp: time to use, the message's own ("sensor")
+    or ours ("arrival"). rate_hz: measurement rate of the sensor. resent: True if the sender repeats values faster than
+    that. max_sigma: largest usable standard deviation, reported or measured, m. rate_name: name of the
+    NAMED_VALUE_FLOAT with the range rate, or None. rate_sign: "opening" if it is positive away from the target,
+    "closing" if positive towards it. rate_sigma_mps: its standard deviation. listens: False to steer without first
+    waiting for a second source. calibration: error of the radio, removed from each reading.
     """
 
     message: str = "distance_sensor"
@@ -89,7 +88,7 @@ class RangingSettings:
 
 
 class Reading(NamedTuple):
-    """What one message says, in SI units. stamp None: no usable time. sequence None: none carried."""
+    """Content of one message in SI units. stamp: None without a usable time. sequence: None if not carried."""
 
     slant: float
     sigma: float | None
@@ -97,19 +96,19 @@ class Reading(NamedTuple):
     sequence: int | None = None
 
     def calibrated(self, calibration: Calibration) -> "Reading":
-        """Return the reading with the true range instead of the reported one, m. It may be below zero."""
+        """Return the reading with the true range instead of the reported one, m. The range may be negative."""
         slant, slope = calibration.true(self.slant)
         return self._replace(slant=slant, sigma=None if self.sigma is None else self.sigma * slope)
 
 
 @dataclass(frozen=True, slots=True)
 class RangingMessage:
-    """A message that can carry the range.
+    """A message type that can carry the range.
 
-    type, id: in MAVLink. read: what one says; None: it is none of a ranging radio. farthest: longest range, m.
-    stamp_wrap: of its own time, s, None where that does not wrap. marks: its fields by which a mission picks the
-    sensor, and the mission's keys for them. forwarded: whether autopilots forward it. for_anything: it carries values
-    of any kind, and one that was not picked is no range at all. why_never: why settings pick nothing, for people.
+    type, id: in MAVLink. read: returns the reading, or None if the message is not from a ranging radio. farthest:
+    longest range, m. stamp_wrap: period of its time stamps, s, None if they do not wrap. marks: fields that select the
+    sensor, with their mission keys. forwarded: True if autopilots forward it. for_anything: True if it carries values
+    of any kind, so that only a selected one is a range. why_never: human-readable reason why settings select nothing.
     """
 
     type: str
@@ -126,10 +125,10 @@ class RangingMessage:
         return {mark: getattr(message, mark) for mark in self.marks}
 
     def picked(self, message: Message, settings: RangingSettings) -> bool:
-        """Whether a message is of the sensor that the mission picks."""
+        """True if a message is from the sensor that the mission selects."""
         return all(getattr(settings, key) in (None, getattr(message, mark)) for mark, key in self.marks.items())
 
 
 def boot_stamp(message: Message) -> float | None:
-    """time_boot_ms in s; 0 means none."""
+    """Return time_boot_ms in s, or None if it is 0."""
     return message.time_boot_ms / 1000 if message.time_boot_ms else None

@@ -1,4 +1,4 @@
-"""NAMED_VALUE_FLOAT (251): metres under an agreed name, ms since boot."""
+"""NAMED_VALUE_FLOAT (251): range in meters under an agreed name, ms since boot."""
 
 from math import isfinite
 
@@ -8,7 +8,7 @@ from circnav_mav.mav.ranging.interface import RangingMessage, Reading, Reject, b
 
 
 def _read(message: Message) -> Reading | Reject:
-    """NaN and anything not above 0 mean no range."""
+    """Return the reading of a message. A NaN or a value not above 0 is not a range."""
     if not isfinite(message.value):
         return Reject.NOT_FINITE
     if message.value <= 0:

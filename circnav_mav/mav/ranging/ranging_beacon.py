@@ -1,14 +1,14 @@
-"""RANGING_BEACON (513, development.xml): made for ranging radios; mm, us, a sequence number."""
+"""RANGING_BEACON (513, development.xml): designed for ranging radios; mm, us, a sequence number."""
 
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.ranging.interface import RangingMessage, Reading, Reject
 
 UNKNOWN = (0, 0xFFFFFFFF)
-"""Numbers that stand for nothing measured (0 and UINT32_MAX)."""
+"""Values that mean "not measured" (0 and UINT32_MAX)."""
 
 
 def _read(message: Message) -> Reading | Reject:
-    """mm, 1 sigma in mm, sequence, status bit 0 = poor signal."""
+    """Return the reading of a message: range and 1 sigma in mm, sequence, status bit 0 for a poor signal."""
     if message.range in UNKNOWN:
         return Reject.NO_RANGE
     if message.status & 1:

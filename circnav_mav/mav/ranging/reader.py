@@ -1,7 +1,7 @@
-"""Ranging telemetry to samples of range and range rate: which messages count, and why the others do not.
+"""Conversion of ranging telemetry to samples of range and range rate, with the reasons for rejected messages.
 
-The order of the checks is source, id, finite, "no range" codes, limits, quality, one source only, stamp; the innovation
-gate comes later, in the estimator. See `table` for what each message says, and `sources` for what a source is.
+Order of the checks: source, id, finite, "no range" codes, limits, quality, single source, stamp. The innovation gate
+follows later, in the estimator. `table` lists the messages, and `sources` defines a source.
 """
 
 from collections import Counter
@@ -20,56 +20,56 @@ from circnav_mav.mav.ranging.sources import SOURCE_SILENT, RangeSource, RangeSou
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 
 MISSED = 2.5
-"""Ranges of the usual rate that must have failed to come by the old clock before a new one is followed."""
+"""Range periods without a stamp of the old clock, after which a new clock is followed."""
 FUTURE, KNOWN_AFTER = 0.15, 100
-"""How far, s, a stamp may be ahead of the sensor's clock once so many ranges have shown the shortest delay; before, it
-is JUMP. Less is the jitter of a link. More is another clock, or the delay has become shorter: such a stamp counts only
-after no range by the old clock has come for a while."""
+"""Largest lead of a stamp over the sensor's clock, s, after this number of ranges has shown the shortest delay. Before,
+the limit is JUMP. A smaller lead is link jitter. A larger one is another clock or a shorter delay: such a stamp is
+accepted only when ranges of the old clock have stopped."""
 DOUBT = 0.5
-"""Time, s, after such a stamp in which those by the old clock do not count either: if the way has become quicker, they
+"""Time, s, after such a stamp in which stamps of the old clock are rejected too. If the link has become faster, they
 are older than they seem."""
 MOST_RATE = 3.0
-"""A range rate of more than so many times V is none of this vehicle and its target."""
+"""Largest plausible range rate in units of V."""
 
 
 class RangeReader:
-    """Turns messages into samples, each measurement at most once and in the order of the sensor's clock."""
+    """Converter of messages to samples, each measurement at most once and in the order of the sensor's clock."""
 
     def __init__(
         self, settings: RangingSettings, noise: NoiseCheck | None = None, slower: Slower = nobody_tells
     ) -> None:
-        """noise: whether ranges scatter as they say; None: not checked. slower: tells of the link that they come on."""
+        """noise: check of the reported sigma, None for no check. slower: delay increase of the ranges' link."""
         self._settings = settings
         self._noise = noise
         self._kind = RANGING_MESSAGES[settings.message]
         self.clock = StampFilter(slower, wrap=self._kind.stamp_wrap if settings.stamp == "sensor" else None)
-        """The sensor's clock, on which its range rates are, too."""
+        """The sensor's clock, also used by its range rates."""
         self.sources = RangeSources(self._kind, settings)
         self.trusted: Sender | None = None
-        """Whose ranges count, and from where."""
+        """Sender and address of the ranges in use."""
         self._source: RangeSource | None = None
-        """Which of the sensors of the trusted sender counts."""
+        """Sensor of the trusted sender that is in use."""
         self.rival: Sender | None = None
-        """Who has sent the newest message, where it is a range like those of the trusted sender, from elsewhere."""
+        """Sender of the newest message if it is a second sender: a selected range from another address."""
         self._with_vehicle = False
         self._taken = 0
         self._ahead_at = float("-inf")
         self._sequence: int | None = None
         self.slant = 0.0
-        """The newest slant range, m."""
+        """Newest slant range, m."""
         self.restarted = False
-        """Whether the sensor's clock was found to have jumped with the newest message."""
+        """True if the newest message showed a reset of the sensor's clock."""
         self.stepped = 0.0
-        """By how much the sensor's clock was found to have stood still with the newest message, s; 0 if not."""
+        """Pause of the sensor's clock that the newest message showed, s; 0 for none."""
         self.moving = False
-        """Whether the vehicle certainly moves, so that its range cannot stay one number."""
+        """True if the vehicle certainly moves, so that its range cannot stay constant."""
         self.sender_stays = False
-        """Whether nobody may stand in for a sender that falls silent: the vehicle is being steered by it."""
+        """True if no other sender may replace a silent one, because the vehicle is steered by its ranges."""
         self.rejected: Counter[str] = Counter()
 
     @property
     def refused(self) -> int:
-        """Ranges of our sensor that did not become samples; those of others do no harm."""
+        """Number of rejected ranges of our sensor, without ranges of other sensors."""
         return self.rejected.total() - sum(self.rejected[reason] for reason in OTHERS)
 
     def read(
@@ -83,13 +83,12 @@ class RangeReader:
         source: Hashable = None,
         vehicle: Hashable = None,
     ) -> RangeSample | None:
-        """The sample that a message carries, or None; a rejection is counted in `rejected`.
+        """Return the sample that a message carries, or None. A rejection is counted in `rejected`.
 
-        height: of the vehicle above the target, m; None: ranges are taken as horizontal. strangers: systems of other
-        vehicles and the addresses of their autopilots; ranges of these systems are rejected unless the mission names
-        one of them. one_way: the least that messages are under way on this link, s: stamps alone cannot tell. source:
-        where it came from. vehicle: where the vehicle's frames come from, if known: a radio that the autopilot
-        forwards moves with it.
+        height: vehicle above the target, m, None to take ranges as horizontal. strangers: systems of other vehicles
+        with the addresses of their autopilots. Their ranges are rejected unless the mission specifies such a system.
+        one_way: least delay of this link, s, which stamps alone do not show. source: address of the sender. vehicle:
+        address of the vehicle, or None. A radio that the autopilot forwards moves with it.
         """
         self.restarted, self.stepped, self.rival = False, 0.0, None
         if message.get_type() != self._kind.type:
@@ -108,15 +107,15 @@ class RangeReader:
 
     @property
     def unexplained(self) -> int:
-        """Those of them whose reason is not shown to the operator otherwise."""
+        """Number of `refused` ranges with a reason that is not shown to the operator elsewhere."""
         return self.refused - sum(self.rejected[reason] for reason in EXPLAINED)
 
     def one_source(self, now: float) -> bool:
-        """True if the ranges are certainly those of one source."""
+        """True if the ranges certainly come from a single source."""
         return self.sender_stays or (self.sources.listened(now) and not self._ambiguous(now))
 
     def reject(self, reason: Reject, count: int = 1) -> None:
-        """Count rejections, also those decided further on (gate, stall)."""
+        """Count rejections, including those decided later (gate, stall)."""
         self.rejected[reason.value] += count
 
     def _judge(
@@ -140,11 +139,11 @@ class RangeReader:
             return reading
         if settings.calibration.is_set:
             reading = reading.calibrated(settings.calibration)
-        if reading.slant <= 0:  # a radio reads meters too long close to its beacon, and once less than that
+        if reading.slant <= 0:  # near the beacon, a corrected bias of meters can give this
             return Reject.NO_RANGE
         if reading.slant > settings.max_range_m:
             return Reject.ABOVE_MAX
-        # before the engagement a second source may be the one that is meant; in flight it changes nothing any more
+        # Before the engagement a second source may be the intended one. In flight it has no effect.
         if self._ambiguous(now):
             return Reject.AMBIGUOUS
         if self.trusted is not None and (sender, sensor) != (self.trusted, self._source):
@@ -162,7 +161,7 @@ class RangeReader:
         return self._sample(reading, stamp, now, height)
 
     def _sample(self, reading: Reading, stamp: float, now: float, height: float | None) -> RangeSample | Reject:
-        """The sample of a reading that is new, unless it is too old or the target is overhead."""
+        """Return the sample of a new reading, or the reason for its rejection."""
         settings, noise = self._settings, self._noise
         time = self.clock.local(stamp, now) - settings.calibration.delay
         self.stepped = self.clock.followed
@@ -182,19 +181,22 @@ class RangeReader:
         return not self.sender_stays and self.sources.several(now)
 
     def _fits(self, sender: Sender, strangers: Mapping[int, Hashable]) -> bool:
-        """True if a sender has the configured ids, and is not of another vehicle."""
+        """True if a sender has the configured ids and does not belong to another vehicle."""
         settings = self._settings
         if settings.system_id not in (None, sender.system) or settings.component_id not in (None, sender.component):
             return False
         # Ranges of another vehicle's autopilot may have been accepted before its first heartbeat, which comes from the
-        # address of the ranges. One from elsewhere is a stranger's in the name of the radio: it would end the flight.
+        # same address. A heartbeat from another address only imitates the radio's system: rejecting the radio because
+        # of it would end the flight.
         its_own = sender.component == AUTOPILOT_COMPONENT and strangers.get(sender.system) == sender.source
         stays = self.sender_stays and sender == self.trusted and not its_own
         return settings.system_id is not None or sender.system not in strangers or stays
 
     def _counts(self, sender: Sender, sensor: RangeSource, now: float, *, picked: bool) -> bool:
-        """True if ranges of this sensor count: it is the first one, or that one has fallen silent. picked: a range
-        that the mission picks, so that a second sender of it is a rival."""
+        """True if ranges of this sensor are used: it is the trusted one, or the trusted one is silent.
+
+        picked: True for a range that the mission selects, so that another address is a second sender.
+        """
         if self.trusted is None or (sender, sensor) == (self.trusted, self._source):
             return True
         silent = now - self.clock.newest_at > SOURCE_SILENT
@@ -202,14 +204,15 @@ class RangeReader:
         return silent and not self.sender_stays
 
     def _order(self, reading: Reading, stamp: float, now: float) -> Reject | None:
-        """Return why a reading is not a newer measurement than the last, or None."""
+        """Return the reason why a reading is not newer than the last one, or None."""
         clock, settings = self.clock, self._settings
         if clock.newest is None:
             return None
         most_ahead = FUTURE if self._taken > KNOWN_AFTER else JUMP
         if most_ahead < clock.ahead(stamp, now) <= JUMP:
             self._ahead_at = now
-        # A looped route does not silence the sensor: a new clock waits until ranges by the old one have failed to come.
+        # A looped route repeats old frames while the sensor still sends. A new clock is followed only after the old one
+        # has stopped.
         order = clock.order(stamp, now, most_ahead=most_ahead, steady=JUMP, patience=MISSED / settings.rate_hz)
         if order is Order.RESTARTED:
             self._begin_anew()
@@ -226,18 +229,20 @@ class RangeReader:
         return Reject.REPEAT if order is Order.REPEATED or again or resent else None
 
     def _begin_anew(self) -> None:
-        """Another clock, or another sensor: what was known of the old one says nothing of it."""
+        """Reset the clock state for another clock or another sensor."""
         self.clock.reset()
         self._sequence, self._taken, self._ahead_at = None, 0, float("-inf")
         self.restarted = True
 
 
 class RangeRateReader:
-    """The range rate that a radio measures: a NAMED_VALUE_FLOAT beside its ranges, of the same sender and clock. Only
-    those count that go with the ranges."""
+    """Reader of the range rate: a NAMED_VALUE_FLOAT of the same sender and clock as the ranges.
+
+    Rates that are not consistent with the ranges are not used.
+    """
 
     def __init__(self, settings: RangingSettings, ranging: RangeReader, noise: NoiseCheck, speed: float) -> None:
-        """ranging: reads the ranges beside them. noise: of rates. speed: V, m/s."""
+        """ranging: reader of the ranges. noise: noise check of the rates. speed: V, m/s."""
         self._settings, self._ranging, self._noise, self._most = settings, ranging, noise, MOST_RATE * speed
         self._check = RateCheck()
         self._stamp: float | None = None
@@ -245,7 +250,7 @@ class RangeRateReader:
 
     @property
     def trouble(self) -> str:
-        """Why measured rates do not count now, for people; empty where they do."""
+        """Human-readable reason why measured rates are not used now, or empty."""
         if self._noise.repeated:
             return f"frozen, the same number for {self._noise.repeated:.0f} s"
         return "" if self._check.trusted else self._check.why
@@ -255,7 +260,7 @@ class RangeRateReader:
         return name is not None and message.get_type() == "NAMED_VALUE_FLOAT" and message.name == name
 
     def range_taken(self, sample: RangeSample) -> None:
-        """A range was taken, by which the rates are judged."""
+        """Process an accepted range, for the comparison of rates with ranges."""
         if self._ranging.restarted:
             self._check.reset()
             self._stamp = None
@@ -265,7 +270,7 @@ class RangeRateReader:
     def read(
         self, message: Message, now: float, *, height: float | None = None, source: Hashable = None
     ) -> RateSample | None:
-        """The sample of a message that carries a rate; None where it does not count. height: above the target, m."""
+        """Return the sample of a rate message, or None if it is rejected. height: above the target, m."""
         settings, ranging = self._settings, self._ranging
         if (*ids(message), source) != ranging.trusted or not isfinite(message.value) or abs(message.value) > self._most:
             return None

@@ -1,8 +1,8 @@
-"""The sensors that ranges come from, and whether the mission leaves a choice between several.
+"""Range sensors that are received, and detection of several that fit the mission.
 
-A source is a component together with the fields by which a message tells sensors apart (`RangingMessage.marks`). Two
-sensors may range to two targets, and the mixture of their ranges is the range to neither. So ranges of one source
-only are used, and of none while several sources fit the mission: which one is received first is chance.
+A source is a component together with the fields that distinguish sensors in a message (`RangingMessage.marks`). Two
+sensors may range to two targets, and a mixture of their ranges fits neither. So only one source is used, and none while
+several fit the mission, because the order in which they are received is chance.
 """
 
 from collections import deque
@@ -14,18 +14,18 @@ from circnav_mav.mav.ranging.interface import RangingMessage, RangingSettings
 from circnav_mav.mav.statustext import plain_text
 
 SOURCE_SILENT = 5.0
-"""Silence of a source, s, after which it counts as gone and another one may take its place."""
+"""Silence of a source, s, after which another one may replace it."""
 LISTEN, LISTEN_PERIODS = 1.0, 2.5
-"""Time after the first range, s and in periods of the radio, before which a second source may still be unheard."""
+"""Time after the first range, s and in periods of the radio, within which a second source may still appear."""
 MOST_SOURCES, MOST_NAMED = 16, 4
-"""Sources that are kept, and that one message names."""
+"""Limits of the sources that are kept, and of those listed in one message."""
 KEPT = 256
-"""Ranges of a source by which an echo of it is recognized: a quarter of a second at 1 kHz."""
+"""Newest ranges of a source that are kept to recognize its echo: a quarter of a second at 1 kHz."""
 ECHO_ERROR = 0.015
-"""Difference, m, of a range and its echo: PX4 cuts the conversion to centimeters off."""
+"""Largest difference between a range and its echo, m. PX4 truncates the conversion to centimeters."""
 JUDGED, JUDGED_LEAST = 8, 3
-"""Newest ranges of an echo that are compared, and the least number; half of them must be repetitions, for the
-original of an echo may have been lost on the link."""
+"""Most and least newest ranges of a suspected echo that are compared. Half of them must be repetitions, because some
+originals may be lost on the link."""
 
 
 class RangeSource(NamedTuple):
@@ -37,7 +37,7 @@ class RangeSource(NamedTuple):
 
     @classmethod
     def of(cls, message: Message, kind: RangingMessage) -> "RangeSource":
-        """The source of a message."""
+        """Return the source of a message."""
         marks = ((key, getattr(message, mark)) for mark, key in kind.marks.items())
         return cls(*ids(message), tuple(marks))
 
@@ -47,12 +47,12 @@ class RangeSource(NamedTuple):
 
     @property
     def keys(self) -> dict[str, int | str]:
-        """All by which a mission may name it."""
+        """Mission keys and values that select this source."""
         return {**dict(self.marks), "component_id": self.component, "system_id": self.system}
 
 
 class _Heard:
-    """What was received of one source."""
+    """Newest ranges of one source."""
 
     def __init__(self) -> None:
         self.at = 0.0
@@ -60,22 +60,22 @@ class _Heard:
         self.slant: float | None = None
         self.slants: deque[float] = deque(maxlen=KEPT)
         self.repeats: deque[bool] = deque(maxlen=JUDGED)
-        """Whether the newest ranges repeat those of a radio, for a source that is an autopilot."""
+        """For an autopilot: True for each of its newest ranges that repeats one of a radio."""
 
 
 class RangeSources:
-    """Keeps the sources of the mission's message, those that the mission picks and others."""
+    """Sources of the mission's message type, selected by the mission or not."""
 
     def __init__(self, kind: RangingMessage, settings: RangingSettings) -> None:
         self._kind = kind
         self._listen = max(LISTEN, LISTEN_PERIODS / settings.rate_hz) if settings.listens else 0.0
         self._heard: dict[RangeSource, _Heard] = {}
         self._since: float | None = None
-        """Time of the first range of a source that the mission picks, s."""
+        """Time of the first message of a selected source, s."""
 
     def receive(self, message: Message, slant: float | None, now: float, *, picked: bool) -> RangeSource:
-        """Take in one message and return its source. slant: m, None where it carries no range. picked: whether the
-        mission picks the source."""
+        """Process one message and return its source. slant: m, None if it carries no range. picked: True if the mission
+        selects the source."""
         source = RangeSource.of(message, self._kind)
         heard = self._heard.get(source)
         if heard is None:
@@ -93,7 +93,7 @@ class RangeSources:
         return source
 
     def listened(self, now: float) -> bool:
-        """True if ranges have come for so long that a second source would have been received."""
+        """True if ranges have arrived for long enough that a second source would have been received."""
         return self._since is not None and now - self._since >= self._listen
 
     def several(self, now: float) -> bool:
@@ -101,19 +101,22 @@ class RangeSources:
         return len(self._heard) > 1 and len(self._rivals(now)) > 1
 
     def choice(self, now: float) -> str:
-        """The sources that fit the mission, their ranges and the keys that name one; empty for fewer than two."""
+        """Return the sources that fit the mission, their ranges and the keys that select one.
+
+        Empty for fewer than two sources.
+        """
         rivals = self._rivals(now)
         if len(rivals) < 2:
             return ""
         return f"{len(rivals)} range sources: {self._words(rivals)}: name yours with {' or '.join(differences(rivals))}"
 
     def short_choice(self, now: float) -> str:
-        """The same as a STATUSTEXT."""
+        """Return the same as `choice`, short enough for a STATUSTEXT."""
         rivals = self._rivals(now)
         return f"{len(rivals)} range sources: set {differences(rivals)[0]}" if len(rivals) > 1 else ""
 
     def others(self, now: float) -> str:
-        """The sources that the mission does not pick, where it picks none that is received; else empty."""
+        """Return the received sources if the mission selects none of them, otherwise empty."""
         alive = self._alive(now)
         if not alive or any(self._heard[source].picked for source in alive):
             return ""
@@ -128,8 +131,8 @@ class RangeSources:
         return picked if len(picked) < 2 else [source for source in picked if not self._is_echo(source)]
 
     def _is_echo(self, source: RangeSource) -> bool:
-        """True if an autopilot repeats the ranges of a radio: ArduPilot and PX4 do so with those that they receive,
-        with other ids and less often."""
+        """True if an autopilot repeats the ranges of a radio. ArduPilot and PX4 forward ranges with other ids and at a
+        lower rate."""
         repeats = self._heard[source].repeats
         return len(repeats) >= JUDGED_LEAST and sum(repeats) >= len(repeats) / 2
 
@@ -151,5 +154,5 @@ class RangeSources:
 
 
 def differences(sources: list[RangeSource]) -> list[str]:
-    """Return the mission's keys by which these sources differ."""
+    """Return the mission keys that distinguish these sources."""
     return [f"ranging.{key}" for key in sources[0].keys if len({source.keys[key] for source in sources}) > 1]

@@ -1,4 +1,4 @@
-"""The messages by their mission names."""
+"""Ranging messages by their mission names."""
 
 from collections.abc import Mapping
 
