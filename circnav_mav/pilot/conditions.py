@@ -99,6 +99,10 @@ class Conditions:
             self._sent.pop(row.name, None)
 
 
+def _lost(name: str) -> Callable[["Pilot", float], object]:
+    return lambda p, now: name in p.lost_reports
+
+
 def _second_sender(name: str) -> Callable[["Pilot", float], object]:
     return lambda p, now: [one for one in p.session.identity.rivals.recent(now) if one.startswith(name)]
 
@@ -236,7 +240,7 @@ TABLE = (
     CLOCK_SPEED,
     *(
         Condition(
-            f"no_{name}", lambda p, now, name=name: name in p.lost_reports, steering=True,
+            f"no_{name}", _lost(name), steering=True,
             short=f"no {name}", over=f"{name} received again", long=long,
         )
         for name, long in LOST.items()

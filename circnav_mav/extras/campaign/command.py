@@ -137,8 +137,8 @@ def _finish(campaign: Campaign, store: Store, name: str, interrupted: bool) -> i
     for key, values in summary["by"].items():
         for value, figures in values.items():
             _print_figures(f"{key} = {value}", figures)
-    for error in dict.fromkeys(row["error"] for row in rows if row["error"]):
-        say(f"  ERROR      {error}")
+    for failure in dict.fromkeys(row["error"] for row in rows if row["error"]):
+        say(f"  ERROR      {failure}")
     for problem in problems:
         say(f"  WARNING    {problem}")
     written = [TABLE, SUMMARY, *(path.name for path in pictures)]

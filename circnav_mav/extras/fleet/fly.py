@@ -99,7 +99,7 @@ def _member(
 def _start(member: Member, epoch_us: int) -> None:
     recorder = member.recorder
     assert isinstance(recorder, Recorder)
-    member.vehicle.tell_time(epoch_us / 1e6)
+    member.vehicle.set_time(epoch_us / 1e6)
     recorder.start(epoch_us, at_once=True)
     member.onlookers.start(epoch_us)
     member.alarms = AlarmLog(member.pilot, member.onlookers)

@@ -48,8 +48,8 @@ FLOWN = (
 )
 SEEDS = 1, 2, 3
 BENCHED = (
-    "wind .53 V",
-    "gusts 1.5, wind .33 V",
+    "wind 0.53 V",
+    "gusts 1.5, wind 0.33 V",
     "the same with accelerations",
     "target stops and goes",
 )
