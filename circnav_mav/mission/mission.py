@@ -28,8 +28,8 @@ STALE_PERIODS, LEAST_STALE = 2.5, 0.5
 """Default of `limits.stale_s`, in periods of the radio, and its minimum, s. A single lost range does not interrupt
 steering."""
 END_SHARE, CARRIES_FAR = 0.975, 1000.0
-"""Default of `bounds.max_range_m`, as a share of the largest range that the message can carry, and largest such range,
-m, for which this default is used."""
+"""Default of `bounds.max_range_m` as a share of the largest range that the message can carry. It is used only for
+messages whose largest range is below the second value, m."""
 SLOWEST_ANSWER = 1.2
 """Largest round trip of the link for an engagement, as a multiple of the age of the oldest range that may steer."""
 LONGEST_OUTAGE = 60.0

@@ -139,8 +139,8 @@ def _age(mission: Mission, survey: Survey) -> Check:
 
 
 def _stamps(mission: Mission, survey: Survey) -> Iterator[Check]:
-    """Check the speed of the sensor's clock. No line if it equals that of the autopilot's clock, which is checked
-    separately."""
+    """Check the speed of the sensor's clock. No line if it is wrong by the same factor as the autopilot's clock, which
+    is checked separately."""
     ranges, boot = survey.ranges, survey.boot
     if mission.file.ranging.stamp == "arrival":
         yield Check(PASS, "stamps", "arrival times, as the mission says")

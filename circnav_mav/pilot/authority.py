@@ -11,14 +11,14 @@ from circnav_mav.pilot.mode_request import ModeRequest
 from circnav_mav.pilot.settings import OutputMode, PilotSettings
 
 GIVEN_AFTER = 1.5
-"""Time, s, between the first and the last of consecutive reports of the guided mode after which the vehicle counts as
-returned. A mode switch may pass through that mode, and older reports may arrive late over another link."""
+"""Time, s, that the guided mode must last, by consecutive reports, before the vehicle is considered returned. A mode
+switch may pass through that mode, and older reports may arrive late over another link."""
 TAKEN_OVER = "taken over"
 """First words of all texts about a takeover, sent or recorded. Charts use them to mark the event."""
 LANDED_PATIENCE = 1.5
 """Longest wait, s, for the vehicle's report that it flies, before the first engagement."""
 STALL = 0.5
-"""Gap between two steps, s, above which everything received during the gap counts as stale."""
+"""Gap between two steps, s, above which data received during the gap is considered stale."""
 CATCH_UP = 0.2
 """Time after such a gap, s, in which received data may still be stale: reading the backlog takes a few steps."""
 SILENT = 1.5

@@ -179,8 +179,8 @@ class JumpGate:
     def rejects(self, sample: RangeSample, accepted: RangeSample | None) -> bool:
         """Return True if a range is rejected. accepted: newest accepted range to compare with, or None."""
         before = self._newest
-        # The distance that the vehicle can have flown grows with time until it covers the jump. It does not count while
-        # ranges continue from a rejected one.
+        # The distance that the vehicle can have flown grows with time until it covers the jump. While ranges continue
+        # from a rejected one, this does not make them acceptable.
         goes_on = before is not None and self._gap(sample, before) <= self._least / 2
         if (
             accepted is None

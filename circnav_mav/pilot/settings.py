@@ -19,7 +19,8 @@ VEHICLE, RANGING = LINKS = ("vehicle", "ranging")
 
 
 class OutputMode(Enum):
-    """Messages that a pilot may send. FLY: all. DRY_RUN: no setpoints and modes. SHADOW: heartbeats and plot values."""
+    """Messages that a pilot may send. FLY: all. DRY_RUN: all but setpoints and mode requests. SHADOW: heartbeats and
+    plot values only."""
 
     FLY = "fly"
     DRY_RUN = "dry run"

@@ -24,7 +24,7 @@ GUESSES = 32
 MOST_DAMPING, LEAST_DAMPING = 1e6, 1e-4
 """Bounds of the Levenberg-Marquardt damping: almost no step, and almost Gauss-Newton; chosen."""
 ROBUST = 4.0
-"""Scale of the robust (Cauchy) weight, in standard deviations: larger residuals count less and less."""
+"""Scale of the robust (Cauchy) weight, in standard deviations: the weight of larger residuals decreases."""
 SWITCH = 0.5
 """Advantage in log likelihood that another hypothesis needs to replace the most likely one."""
 ITERATIONS = 2
@@ -99,8 +99,8 @@ class RingSearch:
         self._guessed = np.zeros(flights), np.zeros((2, flights))
 
     def hear(self, dt: Batch, chord: Batch, z: Batch, sigma: Batch, valid: Batch) -> Batch:
-        """Advance time and path, and add the valid ranges. Return True, (B,), for the flights whose bin was closed and
-        whose search is due."""
+        """Advance time and path, and add the valid ranges. Return True, (B,), for flights with a newly closed bin:
+        their search is due."""
         return self._window.add(dt, chord, z, sigma, valid)
 
     def forget(self) -> None:
@@ -135,6 +135,8 @@ class RingSearch:
         better = g.cost[flights, best] < g.cost[flights, self.favourite[of]] - SWITCH
         self.favourite[of] = np.where(better, best, self.favourite[of])
         x, cost = g.x[flights, best], g.cost[flights, best]
+        # Accept a solution if it is precise, its drift is plausible and no hypothesis at another position fits nearly
+        # as well. `scale` (the reduced chi-square) raises covariance and margin if the ranges are noisier than assumed.
         scale = np.maximum(1.0, 2 * cost / np.maximum(filled - UNKNOWNS + 1, 1))
         P = covariance(x[:, None], bins, self._prior)[:, 0] * scale[:, None, None]
         known = np.sqrt(P[:, 0, 0] + P[:, 1, 1]) < CONVERGED * np.hypot(x[:, 0], x[:, 1])

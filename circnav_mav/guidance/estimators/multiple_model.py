@@ -199,7 +199,7 @@ class DriftBank:
         self.assumed = self._assumptions @ weight
 
     def _lose(self) -> bool:
-        """Return flights with an inconsistent track to the search. Return True if there are any."""
+        """Move flights with an inconsistent track back to the search. Return True if there are any."""
         if not self._tracking.size:
             return False
         drift = np.hypot(*ekf.drift(self.mean))
@@ -252,8 +252,8 @@ def _copies(mean: Batch, covariance: Batch) -> Hypotheses:
 def _revive(h: Hypotheses, feels: Batch, mean: Batch, covariance: Batch) -> Hypotheses:
     """Return the hypotheses with the models of negligible weight restarted.
 
-    feels (M,): True for models that use accelerations. Each model restarts from the mixture of its own kind, or, if no
-    model of this kind is left, from the mixture of all, mean (12, B) and covariance (12, 12, B).
+    feels (M,): True for models that use accelerations. Each model restarts from the mixture of its own kind. If no
+    model of this kind is left, it restarts from the mixture of all, mean (12, B) and covariance (12, 12, B).
 
     Models that use accelerations can mistake a wrong airspeed for a gust that turns with the heading. The other models
     reveal this error only if they do not restart from it.

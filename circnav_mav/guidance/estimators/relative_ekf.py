@@ -45,7 +45,7 @@ KAPPA_RANGE = (0.85, 1.15)
 CLOSEST = 1.0
 """Smallest range of the state, m: the bearing is singular at the target."""
 POSITION_PSD, KAPPA_PSD = 1e-4, 1e-7
-"""Process noise for what the model leaves out: m^2/s and 1/s."""
+"""Process noise of the position (m^2/s) and of kappa (1/s), for effects that are not modeled."""
 FELT_PSD = 1e-2
 """White noise of the measured acceleration, m^2/s^3: 0.3 m/s^2 for 0.1 s, from vibration and delayed attitudes."""
 FELT_BIAS, FELT_BIAS_PSD = 0.2, 1e-5

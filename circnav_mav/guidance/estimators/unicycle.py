@@ -138,6 +138,8 @@ class UnicycleEstimator(Estimator):
         knot, before = self._path.at(sample.time), self._used
         if knot is None:
             return Fused.ACCEPTED
+        # After a gap in own motion, or a turn of more than a quarter circle since the last range, the chord of the path
+        # does not determine the motion: restart.
         if before is not None and (knot.piece != before.piece or self._bent(before, knot)):
             self.filter, before = UnicycleFilter(self._settings.gate), None
         if before is not None:
