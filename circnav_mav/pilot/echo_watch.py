@@ -22,7 +22,7 @@ class EchoWatch:
         self._sent: deque[tuple[float, float]] = deque()
         self._since = float("-inf")
         self._others: deque[tuple[float, float | None, float]] = deque(maxlen=MANY)
-        """The newest reports that differ: time, turn reported, nearest turn sent."""
+        """Newest differing reports: time, reported turn, nearest turn sent."""
 
     def sent(self, turn: float, now: float) -> None:
         """Record a setpoint that is sent now."""

@@ -72,7 +72,7 @@ class Pilot:
         self.status = StatusText(settings, self.connection, self.mission, self._authority, self.tracker)
         self.law: str = ""
         self.why: str = ""
-        """The reason for the law chosen by `auto` or the search, human-readable; empty if the law is fixed."""
+        """Reason for the law chosen by `auto` or the search, human-readable. Empty if the law is fixed."""
         self.drift_alarm: DriftAlarm = DriftAlarm()
         self.rates: RateMeter = RateMeter()
         self.allowance: Allowance = Allowance()
@@ -396,7 +396,7 @@ class Pilot:
         return sum((counts.refused for counts in self.connection.counts.values()), Counter())
 
     def take_records(self) -> list[TickRecord]:
-        """Return the ticks since the last call."""
+        """Return the records of the steps since the last call."""
         records, self._records = self._records, []
         return records
 

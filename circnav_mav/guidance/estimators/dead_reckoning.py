@@ -1,6 +1,6 @@
 """Dead reckoning: the path through the air from asynchronous reports of heading, turn rate and airspeed.
 
-`predict_belief` predicts the estimate of one flight along this path beyond the newest range. It is
+`predict_belief` predicts a single flight's estimate along this path beyond the newest range. It is
 `relative_ekf.predict` in plain floats.
 """
 
@@ -65,7 +65,7 @@ class OwnPath:
         self._knots: deque[Knot] = deque(maxlen=KEPT)
 
     def move(self, motion: OwnMotion) -> None:
-        """Take in a report."""
+        """Add a report of own motion."""
         if not self._knots:
             self._knots.append(Knot(motion))
             return
@@ -115,7 +115,7 @@ def _along(angle: float, length: float) -> tuple[float, float]:
 
 
 class Belief(NamedTuple):
-    """Estimate of one flight: mean (12 values) and covariance (12, 12) of the state of `relative_ekf`.
+    """Estimate of a flight: mean (12 values) and covariance (12, 12) of the state of `relative_ekf`.
 
     drift_psd (m^2/s^3), gust (m/s), feels (0 to 1): averages of the noise models' assumptions.
     """
@@ -174,7 +174,7 @@ def predict_belief(
         d = dx, dy
     v = kappa * air[0] + d[0], kappa * air[1] + d[1]
     across, ahead = t[0] * v[0] + t[1] * v[1], n[0] * air[0] + n[1] * air[1]
-    rate = [across * entry for entry in left]  # r' = n.v, and an error of the direction turns n
+    rate = [across * entry for entry in left]  # r' = n.v, and a direction error rotates n
     rate[ekf.KAPPA] += ahead
     for i, along in enumerate(n):
         rate[ekf.DX + i] += along

@@ -32,7 +32,7 @@ from circnav_mav.guidance.maths import Array, Batch, Number, arctan2, cos, exp, 
 
 R, THETA, DX, DY, KAPPA, B, GX, GY, FORWARD, LEFT, EX, EY = range(12)
 STATES = 12
-"""Rows of the state: range, direction, drift, airspeed scale, gust, range error and what the accelerometers need."""
+"""Rows of the state: range, direction, drift, airspeed scale, range error, gust, acceleration error, heading noise."""
 AXES = np.zeros((2, STATES, 1, 1))
 AXES[0, [DX, GX, EX]] = AXES[1, [DY, GY, EY]] = 1.0
 """Selection of the states that are a drift to the east and to the north."""
@@ -214,7 +214,8 @@ def _within_bounds(x: Batch) -> None:
 def motion(x: Any, dt: Number, chord: Any) -> tuple[Array, Array, tuple[tuple[int, Array], ...]]:
     """Return range (m) and direction (rad) after dt (s) along a chord (m), and their Jacobian as (state, entry) pairs.
 
-    The real part of an entry is the derivative of the range, the imaginary part that of the direction, times the range.
+    An entry's real part is the derivative of the range. Its imaginary part is the derivative of the direction, times
+    the range.
     States without effect are omitted. x: by state, arrays or floats. Complex numbers hold east and north. Multiplying
     by conj(u) converts them to along and across the line of sight u.
     """
@@ -292,7 +293,7 @@ def axes(theta: Number) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
 def mixture(h: Hypotheses) -> tuple[Array, Array]:
     """Return mean (12, B) and covariance (12, 12, B) of the weighted hypotheses.
 
-    Directions are averaged about that of the most likely hypothesis."""
+    Directions are averaged about the most likely hypothesis's direction."""
     w = h.weight
     heaviest = h.x[THETA, h.log_weight.argmax(axis=0), np.arange(w.shape[1])]
     x = h.x.copy()

@@ -20,7 +20,7 @@ MEMORY = 10.0
 """Least age, s, of the drift that is kept for a restart after such a gap. Newer estimates may already be affected by
 the cause of the gap."""
 GROWN = 1.1
-"""Largest uncertainty of a prediction that may steer, relative to that of the estimate at the newest range."""
+"""Largest uncertainty of a prediction that may steer, relative to the estimate's uncertainty at the newest range."""
 REMEMBERED, FORGOTTEN = 0.03, 1e-3
 """Standard deviation of the kept drift, as a share of V, and growth of its variance, m^2/s^3: the search assumes that
 wind and target velocity change by about 0.8 m/s in a minute."""
@@ -65,7 +65,7 @@ class DriftEstimator(Estimator):
     def observe(self, sample: RangeSample) -> Fused:
         knot, before = self._path.at(sample.time), self._used
         if knot is None:
-            self._astray = True  # a range without own motion: the vehicle does not follow its commands
+            self._astray = True  # a range without own motion: the vehicle may not follow its commands
             return Fused.ACCEPTED
         if before is not None and (knot.piece != before.piece or sample.time - before.motion.time > GAP):
             self._restart(sample.time)
@@ -216,6 +216,6 @@ def _step(before: Knot, after: Knot) -> tuple[Array, Array]:
 
 
 def _felt(before: Knot | None, after: Knot) -> Felt | None:
-    """Return the accelerations measured between two knots as arrays of one flight, or None."""
+    """Return the accelerations measured between two knots as arrays for a single flight, or None."""
     felt = None if before is None else after.felt_since(before)
     return None if felt is None else Felt(*(np.array(part)[..., None] for part in felt))
