@@ -215,9 +215,8 @@ def motion(x: Any, dt: Number, chord: Any) -> tuple[Array, Array, tuple[tuple[in
     """Return range (m) and direction (rad) after dt (s) along a chord (m), and their Jacobian as (state, entry) pairs.
 
     An entry's real part is the derivative of the range. Its imaginary part is the derivative of the direction, times
-    the range.
-    States without effect are omitted. x: by state, arrays or floats. Complex numbers hold east and north. Multiplying
-    by conj(u) converts them to along and across the line of sight u.
+    the range. States without effect are omitted. x: by state, arrays or floats. Complex numbers hold east and north.
+    Multiplying by conj(u) converts them to along and across the line of sight u.
     """
     towards, path = unit(-x[THETA]), chord[0] + 1j * chord[1]
     drifts = x[DX] + x[GX] + x[EX] / 2 + 1j * (x[DY] + x[GY] + x[EY] / 2)
