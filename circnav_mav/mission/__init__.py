@@ -1,1 +1,1 @@
-"""Mission files: TOML in, one frozen and validated `Mission` out, and what `check` says of it."""
+"""Mission files: TOML in, one frozen and validated `Mission` out, and the lines of `check` about it."""

@@ -1,4 +1,4 @@
-"""What can be said of a mission before anything flies: one line per fact, with the number and its bound."""
+"""Checks of a mission before a flight: one line per fact, with its value and bound."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
@@ -18,32 +18,32 @@ from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.schema import advice
 
 WEAK = 0.1
-"""Share of the default gain below which a law hardly turns."""
+"""Share of the default gain below which a law hardly turns the vehicle."""
 RADIUS_OFF = 0.01
-"""Share of the radius by which a law may settle beside it: no more than what its ranges scatter."""
+"""Largest steady radius error of a law without a warning, as a share of the radius: within the scatter of ranges."""
 TURN_USED = 0.7
-"""Share of the vehicle's turn rate that the circle may use: the rest is for wind and for getting there."""
+"""Share of the vehicle's turn rate that the circle may use. The rest is for wind and the approach."""
 NEED_MOTION = frozenset({"drift", "unicycle"})
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
-"""Hosts of endpoints that nobody but this computer can reach."""
+"""Hosts of endpoints that only this computer can reach."""
 DRIFT_LAWS = frozenset({"auto", "drift"})
 
 
 def check_mission(mission: Mission) -> list[Check]:
-    """All the lines for a mission."""
+    """Return all check lines of a mission."""
     parts = (_keys, _vehicle, _estimator, _gain, _trim, _radius, _turn_rate, check_ranging, _drift, _margin, _signing)
     return [*(line for part in parts for line in _of_circles(mission, part)), *_laps(mission), *_of_extensions(mission)]
 
 
 def _of_extensions(mission: Mission) -> Iterator[Check]:
-    """The lines of the tables of extras."""
+    """Check the tables of extras."""
     for extension in extensions():
         for check in extension.checks:
             yield from load(check)(mission)
 
 
 def _of_circles(mission: Mission, part: Callable[[Mission], Iterable[Check]]) -> Iterator[Check]:
-    """The lines of a part for each circle; what differs between them names its radius."""
+    """Run a part of the checks for each circle. Lines that differ between circles name the radius."""
     circles = [list(part(circle)) for circle in mission.circles]
     for radius, lines in zip(mission.radii, circles, strict=True):
         for line in lines:
@@ -86,7 +86,7 @@ def _vehicle(mission: Mission) -> Iterator[Check]:
 
 
 def _estimator(mission: Mission) -> Iterator[Check]:
-    """An estimator that lives on own motion alone must see some before the vehicle is ours."""
+    """Check that an estimator that needs own motion receives it before the engagement."""
     if mission.estimator not in NEED_MOTION:
         return
     if mission.vehicles and not any(one.measures_airspeed for one in mission.vehicles):
@@ -106,7 +106,7 @@ def _gain(mission: Mission) -> Iterator[Check]:
 
 
 def _trim(mission: Mission) -> Iterator[Check]:
-    """A trim feeds the law a smaller radius than the mission's, for which its gain must do as well."""
+    """Check the gain at the smallest radius to which the radius trim may reduce the law's input."""
     law, gain, orbit = LAWS[mission.law.name], mission.law.gain, mission.orbit
     least = (1 - MOST_TRIM) * orbit.radius
     bound = law.gain_bound(orbit.speed, least)
@@ -141,19 +141,20 @@ def _turn_rate(mission: Mission) -> Iterator[Check]:
 
 
 def _expected_gain(mission: Mission) -> float:
-    """The least of what is commanded that the vehicle is expected to turn."""
+    """Return the smallest expected ratio of realized to commanded turn rate."""
     given = mission.file.vehicle.turn_gain
     return given if isinstance(given, float) else min((one.least_turn_gain for one in mission.vehicles), default=1.0)
 
 
 def drift_allowed(mission: Mission) -> float:
-    """Wind less target motion, m/s, in which the circle can be held; not positive if not even in still air."""
+    """Return the largest drift (wind minus target velocity), m/s, in which the circle can be held. Not positive if it
+    cannot be held in still air."""
     orbit = mission.orbit
     return tolerated_drift(orbit.speed, min(mission.radii), orbit.max_turn_rate * _expected_gain(mission))
 
 
 def _drift(mission: Mission) -> Iterator[Check]:
-    """What the circle itself allows in wind or round a moving target, and how long the way to it may take."""
+    """Report the drift that the circle's geometry allows, and the time to reach the circle."""
     orbit, gain, tolerated = mission.orbit, _expected_gain(mission), drift_allowed(mission)
     if tolerated > 0:
         rest = "" if mission.file.guidance.law in DRIFT_LAWS else f"; the law {mission.law.name} itself knows no drift"
@@ -167,8 +168,10 @@ def _drift(mission: Mission) -> Iterator[Check]:
 
 
 def _margin(mission: Mission) -> Iterator[Check]:
-    """Whether the turn loop keeps its stability margin in the wind that the geometry allows; of the drift law, which
-    is tuned in flight by the delay that it measures: before, the mission's turn_lag_s stands for it."""
+    """Check the stability margin of the drift law's turn loop in the wind that the geometry allows.
+
+    In flight the law is tuned to the measured delay. Here vehicle.turn_lag_s is used instead.
+    """
     orbit, allowed_drift, delay = mission.orbit, drift_allowed(mission), mission.file.vehicle.turn_lag_s
     if mission.law.name not in DRIFT_LAWS or allowed_drift <= 0 or delay <= 0:
         return
@@ -190,7 +193,7 @@ def _margin(mission: Mission) -> Iterator[Check]:
 
 
 def _laps(mission: Mission) -> Iterator[Check]:
-    """Whether there is time for a lap on each of several circles, the way from one to the next not counted."""
+    """Check that the duration suffices for the laps of several circles, without the transitions between them."""
     if len(mission.radii) == 1:
         return
     needed = sum(LAPS * 2 * pi * radius / mission.orbit.speed for radius in mission.radii)
@@ -213,7 +216,7 @@ def _signing(mission: Mission) -> Iterator[Check]:
 
 
 def _unsigned(mission: Mission) -> Iterator[Check]:
-    """Who can pose as the vehicle where nobody signs."""
+    """Check which senders can pose as the vehicle on an unsigned link."""
     link, ranging = mission.file.link, mission.file.ranging
     ports = [split_driver(one)[1] for one in (link.endpoint, ranging.endpoint) if one]
     heard = [one for one in ports if one.startswith(("udp:", "udpin:"))]

@@ -1,4 +1,4 @@
-"""What can be said of a mission's ranging before anything flies."""
+"""Checks of a mission's ranging before a flight."""
 
 from collections.abc import Iterator
 from math import hypot, inf, sqrt
@@ -10,18 +10,18 @@ from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mission.mission import Mission
 
 LOOP_BOUND = 0.4
-"""Bound on V |d omega/d r'| (turn lag + filter lag): from about .45 on the laws limit-cycle."""
+"""Bound on V |d omega/d r'| (turn lag + filter lag): above about 0.45 the laws oscillate in a limit cycle."""
 REACH = 0.8
-"""Fraction of the farthest range that the circle may use."""
+"""Largest range on the circle, as a share of the maximum range."""
 HEIGHT_COST = 0.3
-"""Metres of radius per metre of wrong height above which the height must be known well: the few metres by which people
-guess it wrong are then a metre of radius and more."""
+"""Radius error per height error (m/m) above which the height must be accurate: typical guesses, wrong by a few meters,
+then cause a radius error of 1 m or more."""
 ROOM = 0.1
-"""Fraction of the radius that should lie between the circle and the bounds of the range."""
+"""Least distance between the circle and the bounds of the range, as a share of the radius."""
 
 
 def check_ranging(mission: Mission) -> list[Check]:
-    """Its lines."""
+    """Return all check lines about ranging."""
     parts = (_reach, _bounds, _radio, _calibration, _sampling, _noise, _slant)
     return [line for part in parts for line in part(mission)]
 
@@ -34,7 +34,7 @@ def _reach(mission: Mission) -> Iterator[Check]:
 
 
 def _slant_range(mission: Mission, horizontal: float) -> float:
-    """What the radio measures, m, at a horizontal range."""
+    """Return the slant range that the radio measures at a horizontal range, m."""
     return hypot(horizontal, mission.file.orbit.height_above_target_m or 0.0)
 
 
@@ -48,7 +48,7 @@ def _length(metres: float) -> str:
 
 
 def _bounds(mission: Mission) -> Iterator[Check]:
-    """The circle must lie between the bounds of the range, with some room for the way it swings."""
+    """Check that the circle lies between the bounds of the range, with room for oscillations."""
     nearest, farthest, radius = mission.file.bounds.min_range_m, mission.file.bounds.max_range_m, mission.orbit.radius
     given = [] if nearest is None else [f"above bounds.min_range_m = {nearest:g} m"]
     given += [] if farthest is None else [f"below bounds.max_range_m = {farthest:g} m"]
@@ -73,7 +73,7 @@ def _radio(mission: Mission) -> Iterator[Check]:
 
 
 def _calibration(mission: Mission) -> Iterator[Check]:
-    """The calibration, by what the radio reports on the circle and by what stands for it."""
+    """Report the calibration at the range on the circle, and check that its points cover this range."""
     calibration = mission.file.ranging.calibration
     if not calibration.is_set:
         return
@@ -131,7 +131,7 @@ def _slant(mission: Mission) -> Iterator[Check]:
 
 
 def height_cost(mission: Mission, height: float) -> Check:
-    """What a wrong height costs on the circle: with rho^2 = slant^2 - h^2, d rho = h/rho dh."""
+    """Return the check of the radius error due to a height error: with rho^2 = slant^2 - h^2, d rho = -h/rho dh."""
     cost = abs(height) / min(mission.radii)
     words = f"1 m of error in the height of {height:.1f} m above the target is {cost:.2f} m of radius"
     return Check(WARN if cost > HEIGHT_COST else PASS, "height cost", f"{words} (WARN above {HEIGHT_COST:g})")

@@ -1,4 +1,4 @@
-"""Combinations of keys that no mission can have, although each key is valid by itself."""
+"""Invalid combinations of keys that are valid by themselves."""
 
 from collections.abc import Iterator
 
@@ -54,7 +54,7 @@ def _of_pairs(file: MissionFile) -> Iterator[str]:
     given = [f"orbit.{way}" for way in ways if getattr(file.orbit, way) is not None]
     if len(given) > 1:
         yield f"{' and '.join(given)}: the height is given in one way only: keep one of them"
-    # With the limits in the other order a flight would end as it begins.
+    # With the bounds in the wrong order, a flight would end at once.
     for quantity in ("range_m", "altitude_m"):
         low, high = (getattr(file.bounds, f"{side}_{quantity}") for side in ("min", "max"))
         if low is not None and high is not None and low >= high:

@@ -1,4 +1,4 @@
-"""Reads a mission file. Whatever is wrong becomes one line that names file and key."""
+"""Reads a mission file. Every error becomes a line that names file and key."""
 
 import os
 import re
@@ -21,7 +21,7 @@ from circnav_mav.mission.schema import REMOVED, MissionFile
 
 
 class MissionError(Exception):
-    """A mission that cannot be flown as written; the message is one line for the person who wrote it."""
+    """Error of a mission that cannot be flown as written. Its message is one line for the author of the file."""
 
 
 def load_mission(path: str | Path, overrides: Iterable[str] = ()) -> Mission:
@@ -30,7 +30,7 @@ def load_mission(path: str | Path, overrides: Iterable[str] = ()) -> Mission:
 
 
 def read_text(path: Path) -> str:
-    """The text of a file. Raises MissionError."""
+    """Return the text of a file. Raises MissionError."""
     try:
         return foreign.read_text(path)
     except OSError as error:
@@ -40,7 +40,7 @@ def read_text(path: Path) -> str:
 
 
 def read_toml(text: str, where: str) -> dict[str, Any]:
-    """The table of a TOML text; `where` names it in errors. Raises MissionError."""
+    """Return the table of a TOML text. where: name of the text in errors. Raises MissionError."""
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
@@ -50,21 +50,23 @@ def read_toml(text: str, where: str) -> dict[str, Any]:
 
 
 def parse_mission(text: str, where: str, overrides: Iterable[str] = (), folder: Path | None = None) -> Mission:
-    """Validate the text of a mission file; `where` names it in errors. folder: that its paths are relative to; they
-    become absolute, so that the file as flown can be flown again from its run folder. Raises MissionError."""
+    """Validate the text of a mission file. Raises MissionError.
+
+    where: name of the file in errors. folder: base of its relative paths. They become absolute, so that the file as
+    flown can be flown again from its run folder.
+    """
     table = read_toml(text, where)
     changes = [(*_override(override), override) for override in overrides]
     try:
         _change(table, changes, folder, where)
         flown = text if table == tomllib.loads(text) else _written(text, changes, folder, table)
         return mission_of(table, where, flown)
-    except (ValueError, OverflowError, RecursionError) as error:  # as of a number of thousands of digits
+    except (ValueError, OverflowError, RecursionError) as error:  # e.g. a number of thousands of digits
         raise MissionError(f"{where}: cannot be read as a mission: {error}") from None
 
 
 def _change(table: Any, changes: Iterable[tuple[list[str], Any, str]], folder: Path | None, where: str) -> None:
-    """Put overrides (keys, value, as written) into a mission's table, and make its paths absolute. Raises
-    MissionError."""
+    """Apply overrides (keys, value, text) to a mission's table, and make its paths absolute. Raises MissionError."""
     for keys, value, override in changes:
         put(table, keys, value, f"--set {override}")
     if folder is not None:
@@ -74,9 +76,9 @@ def _change(table: Any, changes: Iterable[tuple[list[str], Any, str]], folder: P
 def _written(
     text: str, changes: Iterable[tuple[list[str], Any, str]], folder: Path | None, table: dict[str, Any]
 ) -> str:
-    """The file as flown: with its comments, unless tomlkit puts an override where it does not belong, as among dotted
-    keys."""
-    import tomlkit  # slow to load and to parse, and most files are flown as they are
+    """Return the file as flown, with overrides. Its comments are kept unless tomlkit misplaces an override, for example
+    among dotted keys."""
+    import tomlkit  # imported here because it is slow, and most files are flown without overrides
 
     document = tomlkit.parse(text)
     _change(document, changes, folder, "as flown")
@@ -89,8 +91,8 @@ def _written(
 
 
 def mission_of(table: Mapping[str, Any], where: str, text: str = "") -> Mission:
-    """Validate the parsed table of a mission file; `text` is the file as flown, where anybody keeps it. Raises
-    MissionError."""
+    """Validate the parsed table of a mission file. where: name of the file in errors. text: file as flown, if it will
+    be recorded. Raises MissionError."""
     if "mission" in table and "vary" in table:
         raise MissionError(f"{where}: is a campaign file, fly it with: circnav campaign {where}")
     table, removed = _without_removed(table)
@@ -106,7 +108,7 @@ def mission_of(table: Mapping[str, Any], where: str, text: str = "") -> Mission:
 
 
 def _without_removed(table: Mapping[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Return a copy of the table without the keys that earlier versions had, and the names of those it set."""
+    """Return a copy of the table without the removed keys of earlier versions, and the names of those it contained."""
     table_copy, found = deepcopy(dict(table)), []
     for key in REMOVED:
         *tables, name = key.split(".")
@@ -128,7 +130,8 @@ def whole_schema() -> type[MissionFile]:
 
 
 def _check_numbers(mission: Mission, where: str) -> None:
-    """What follows from the file must be a number: 1e-308 m of noise leave none. Raises MissionError."""
+    """Check that the derived settings can be computed: noise of 1e-308 m, for example, overflows. Raises
+    MissionError."""
     try:
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             mission.pilot_settings()
@@ -141,7 +144,7 @@ def _check_numbers(mission: Mission, where: str) -> None:
 
 
 def _override(text: str) -> tuple[list[str], Any]:
-    """`orbit.radius_m=80` as keys and a TOML value; what is not TOML is taken as a string."""
+    """Return an override such as `orbit.radius_m=80` as keys and a TOML value. Other values become strings."""
     key, sign, value = text.partition("=")
     if not sign or not key.strip():
         raise MissionError(f"--set {text}: write it as table.key=value")
@@ -153,7 +156,7 @@ def _override(text: str) -> tuple[list[str], Any]:
 
 
 def put(table: Any, keys: list[str], value: Any, said: str) -> None:
-    """Set a key of nested tables, made where they are missing; `said` names it in errors. Raises MissionError."""
+    """Set a key in nested tables, creating missing tables. said: name of the value in errors. Raises MissionError."""
     for key in keys[:-1]:
         table = table.setdefault(key, {})
         if not isinstance(table, Mapping):
@@ -162,13 +165,13 @@ def put(table: Any, keys: list[str], value: Any, said: str) -> None:
 
 
 def _make_absolute(table: Any, folder: Path, where: str) -> None:
-    """Make the key files of a mission, its bundled vehicle and its extras absolute: they are relative to the folder of
-    the file, `~` from home."""
+    """Make the key file paths of a mission, its bundled vehicle and its extras absolute. They are relative to the
+    folder of the file, or begin with `~`."""
     sim = table.get("sim")
     tables = {**table, "sim.signing": sim.get("signing") if isinstance(sim, Mapping) else None}
     for key, place in tables.items():
         if isinstance(place, Mapping) and isinstance(name := place.get("key_file"), str) and name:
             if "\0" in name:
                 raise MissionError(f"{where}: {key}.key_file: {name!r} holds a character that no file's name has")
-            # not Path.expanduser: it raises for a user that is not there
+            # not Path.expanduser, which raises for an unknown user
             place["key_file"] = str((folder / os.path.expanduser(name)).absolute())  # type: ignore[index]

@@ -1,4 +1,4 @@
-"""A mission as the flight needs it: the values of its file in SI units and radians, and what follows from them."""
+"""A mission for the flight: values of its file in SI units and radians, and values derived from them."""
 
 from dataclasses import dataclass, replace
 from math import inf, radians, tan
@@ -23,24 +23,28 @@ from circnav_mav.pilot import LINKS, RANGING, VEHICLE, OutputMode, PilotSettings
 from circnav_mav.pilot.settings import HeightSettings
 
 MOST_NOISE = 0.5
-"""Standard deviation of a range, of the radius, above which it tells nothing about the circle."""
+"""Largest useful standard deviation of a range, as a share of the radius."""
 STALE_PERIODS, LEAST_STALE = 2.5, 0.5
-"""Default of `limits.stale_s` in periods of the radio, so that a single lost range stops nothing; and at least, s."""
+"""Default of `limits.stale_s`, in periods of the radio, and its minimum, s. A single lost range does not interrupt
+steering."""
 END_SHARE, CARRIES_FAR = 0.975, 1000.0
-"""Default of `bounds.max_range_m` as a share of what the message carries, for messages that end before so many m."""
+"""Default of `bounds.max_range_m` as a share of the largest range that the message can carry. It is used only for
+messages whose largest range is below the second value, m."""
 SLOWEST_ANSWER = 1.2
-"""Round trip of the link, of the oldest range that may steer, above which the vehicle is not engaged."""
+"""Largest round trip of the link for an engagement, as a multiple of the age of the oldest range that may steer."""
 LONGEST_OUTAGE = 60.0
-"""Silence of the vehicle, s, after which the mission does not resume; longer where ranges may be missing for longer."""
+"""Silence of the vehicle, s, after which the mission does not resume. A longer `limits.hold_s` replaces it."""
 SIM = "sim"
-"""The endpoint that stands for the bundled vehicle."""
+"""Endpoint of the bundled vehicle."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """A validated mission. file: as the person wrote it, with units in names, and with the tables of extras, which
-    the core does not read. text: the file as flown. removed_keys: those of an earlier version that it sets, without
-    effect."""
+    """A validated mission.
+
+    file: values of the mission file, with units in the names, and with the tables of extras, which the core does not
+    read. text: the file as flown. removed_keys: keys of earlier versions in the file, without effect.
+    """
 
     file: MissionFile
     text: str
@@ -48,20 +52,20 @@ class Mission:
 
     @property
     def radii(self) -> tuple[float, ...]:
-        """Of the circles in their order, m."""
+        """Radii of the circles in their order, m."""
         given = self.file.orbit.radius_m
         return tuple(given) if isinstance(given, list) else (given,)
 
     @property
     def circles(self) -> tuple["Mission", ...]:
-        """The mission once for each circle, as if it flew no other."""
+        """Copies of the mission, each with one of its circles only."""
         orbits = [self.file.orbit.model_copy(update={"radius_m": radius}) for radius in self.radii]
         return tuple(replace(self, file=self.file.model_copy(update={"orbit": orbit})) for orbit in orbits)
 
     @property
     def orbit(self) -> Orbit:
-        """The first circle, in SI units and radians. Its turn rate is at most that given, or that of a coordinated turn
-        at the bank limit."""
+        """First circle, in SI units and radians. max_turn_rate is the smaller of the given one and that of a
+        coordinated turn at the bank limit."""
         vehicle = self.file.vehicle
         banked = GRAVITY * tan(radians(vehicle.max_bank_deg)) / vehicle.speed_mps if vehicle.max_bank_deg else inf
         given = radians(vehicle.max_turn_rate_deg_s) if vehicle.max_turn_rate_deg_s else inf
@@ -70,7 +74,7 @@ class Mission:
 
     @property
     def tuning(self) -> LawTuning:
-        """The law, and what its gain follows from on any circle."""
+        """Law, and the values that determine its gain on any circle."""
         guidance, ranging = self.file.guidance, self.file.ranging
         return LawTuning(
             guidance.law,
@@ -85,22 +89,22 @@ class Mission:
 
     @property
     def law(self) -> LawChoice:
-        """The law with its gain on the first circle: the file's, or the default."""
+        """Law with its gain on the first circle: the file's, or the default."""
         return self.tuning.choice(self.orbit)
 
     @property
     def default_gain(self) -> float:
-        """The law's default for this circle and the delay of this loop."""
+        """Default gain of the law for the first circle and the delay of this loop."""
         return self.tuning.default_gain(self.orbit)
 
     @property
     def estimator(self) -> str:
-        """The estimator: the file's, or the one that the law wants."""
+        """Name of the estimator: the file's, or the law's default."""
         return self.file.guidance.estimator or default_estimator(self.file.guidance.law)
 
     @property
     def loop_lag(self) -> float:
-        """Delay from a change of range rate to the vehicle's turn, s: the filter's and the vehicle's."""
+        """Delay from a change of range rate to the vehicle's turn, s: filter lag and turn lag."""
         return self.tuning.loop_lag(self.orbit.radius)
 
     @property
@@ -110,54 +114,56 @@ class Mission:
 
     @property
     def estimation(self) -> EstimatorSettings:
-        """What the estimator needs to know."""
+        """Settings of the estimator."""
         settings = EstimatorSettings(self.orbit.speed, self.orbit.max_turn_rate)
         sigma = next((vehicle.ground_speed_sigma for vehicle in self.vehicles), None)
         return settings if sigma is None else replace(settings, drift_sigma=0.1, scale_sigma=sigma)
 
     @property
     def height(self) -> HeightSettings:
-        """What is said of the height above the target."""
+        """Height settings of the mission."""
         orbit = self.file.orbit
         return HeightSettings(orbit.height_above_target_m, orbit.target_altitude_m, orbit.target_above_home_m)
 
     @property
     def max_range(self) -> float:
-        """Farthest range that counts, m: the file's limit within what the message can carry."""
+        """Largest accepted range, m: the file's limit, at most what the message can carry."""
         carried = RANGING_MESSAGES[self.file.ranging.message].farthest
         return min(self.file.ranging.max_range_m or carried, carried)
 
     @property
     def farthest(self) -> float | None:
-        """Horizontal range at which the vehicle is given back, m: the file's bound, or short of where the ranges of a
-        message end that does not carry far."""
+        """Horizontal range at which the flight ends, m, or None. It is the file's bound, or slightly less than the
+        largest range of a message with a short limit."""
         end = RANGING_MESSAGES[self.file.ranging.message].farthest
         return self.file.bounds.max_range_m or (END_SHARE * end if end < CARRIES_FAR else None)
 
     @property
     def stale(self) -> float:
-        """Age of the newest range up to which it may steer, s: the file's, or long enough for one lost range."""
+        """Age of the newest range up to which it may steer, s: the file's, or a default that tolerates one lost
+        range."""
         usual = min(max(STALE_PERIODS / self.file.ranging.rate_hz, LEAST_STALE), MOST_STALE)
         return self.file.limits.stale_s or usual
 
     @property
     def slowest_answer(self) -> float:
-        """Round trip of the link above which the vehicle is not engaged, s. Half of it ages every range."""
+        """Round trip of the link above which the vehicle is not engaged, s. Half of it adds to the age of each
+        range."""
         return SLOWEST_ANSWER * self.stale
 
     @property
     def ranging_driver(self) -> str | None:
-        """The driver of the ranging radio, None where that speaks MAVLink."""
+        """Driver of the ranging radio, or None if the radio sends MAVLink."""
         return split_driver(self.file.ranging.endpoint or "")[0]
 
     @property
     def flies_sim(self) -> bool:
-        """Whether the bundled vehicle is flown."""
+        """True if the bundled vehicle is flown."""
         return self.file.link.endpoint == SIM
 
     def run_speed(self, pace: float | None = None) -> float:
-        """Return the speed of the run, times real time; infinite: as fast as the computer allows. pace: the speed that
-        an onlooker asks for. A ranging radio of its own beside the bundled vehicle is in real time."""
+        """Return the speed of the run relative to real time, infinite for the fastest possible. pace: speed requested
+        by an onlooker. A separate ranging radio requires real time."""
         if not self.flies_sim:
             return 1.0
         if self.file.link.sim_speed is not None:
@@ -168,17 +174,17 @@ class Mission:
 
     @property
     def vehicle_key(self) -> tuple[str, str]:
-        """The vehicle as the table of vehicles knows it."""
+        """Key of the vehicle in the table of vehicles."""
         vehicle = self.file.vehicle
         return table_key(vehicle.autopilot, vehicle.kind, vehicle.method)
 
     @property
     def vehicles(self) -> tuple[type[Autopilot], ...]:
-        """The vehicles that may be flown; none where nothing honest steers the one that is asked for."""
+        """Adapters of the vehicles that may be flown. Empty if the requested vehicle is not supported."""
         return tuple(allowed(*self.vehicle_key).values())
 
     def pilot_settings(self, output_mode: OutputMode = OutputMode.FLY) -> PilotSettings:
-        """The mission as the pilot needs it. Raises ValueError for a gain without a radius correction."""
+        """Return the settings of the pilot. Raises ValueError for a gain without a radius correction."""
         file = self.file
         return PilotSettings(
             orbit=self.orbit,
@@ -230,7 +236,7 @@ class Mission:
         )
 
     def _circle_limits(self) -> CircleLimits:
-        """What a change of the circle in flight must keep to."""
+        """Return the limits of a change of the circle in flight."""
         bounds, given = self.file.bounds, self.file.vehicle.turn_gain
         gains = [given] if isinstance(given, float) else [one.least_turn_gain for one in self.vehicles]
         return CircleLimits(

@@ -1,4 +1,4 @@
-"""What preflight says of the vehicle and the ranging: a survey in, lines out. Nothing here listens."""
+"""Preflight checks of the vehicle and the ranging: the data of a `Survey` in, lines out."""
 
 from collections.abc import Iterator, Mapping
 from math import degrees, isnan
@@ -15,20 +15,20 @@ from circnav_mav.pilot import VEHICLE
 from circnav_mav.pilot.survey import Survey
 
 LOW_RATE = 0.5
-"""Fraction of a wanted rate below which a stream is as good as missing."""
+"""Share of the requested rate below which a stream counts as missing."""
 SILENT = 2.0
-"""Age of the newest heartbeat, s, at which one was missed for certain: autopilots send one a second."""
+"""Age of the newest heartbeat, s, above which at least one was lost: autopilots send one a second."""
 SLOW_ROUND_TRIP = 0.1
-"""Time to the autopilot and back, s, from which on the delay is no longer small beside a turn lag of 0.4 s."""
+"""Round trip to the autopilot, s, above which the delay is no longer small compared to a turn lag of 0.4 s."""
 LEAST_SPAN = 1.0
-"""Time, s, over which the speed of a clock can be told within a few percent."""
+"""Least time, s, to measure the speed of a clock within a few percent."""
 TROUBLE = ("prearm", "arm:", "failsafe", "failed", "error", "unhealthy", "denied", "variance")
-"""Words of a STATUSTEXT that are worth repeating."""
+"""Words by which preflight selects the STATUSTEXTs that it repeats."""
 
 
 def judge(mission: Mission, survey: Survey, clock_speed: float = 1.0) -> list[Check]:
-    """All lines for a survey that is done. clock_speed: seconds of the run's clock per real second where the run
-    follows the autopilot."""
+    """Return all lines for a completed survey. clock_speed: speed of the run's clock relative to real time, if the run
+    follows the autopilot's clock."""
     if not survey.session.up:
         misfits = "; ".join(survey.session.misfits.values())
         why = misfits or f"no autopilot heartbeat, {survey.connection.counts[VEHICLE].describe()}"
@@ -43,7 +43,7 @@ def judge(mission: Mission, survey: Survey, clock_speed: float = 1.0) -> list[Ch
 
 
 def parameter_context(mission: Mission, system: int, values: Mapping[str, float]) -> Context:
-    """Return what the rules for parameters depend on. system: id of the vehicle. values: the parameters read."""
+    """Return the context of the parameter rules. system: id of the vehicle. values: the parameters read."""
     return Context(
         speed=mission.orbit.speed,
         max_turn_rate_deg=degrees(mission.orbit.max_turn_rate),
@@ -56,7 +56,7 @@ def parameter_context(mission: Mission, system: int, values: Mapping[str, float]
     )
 
 
-# --- who it is --------------------------------------------------------------------------------------------------------
+# --- identity ---------------------------------------------------------------------------------------------------------
 
 
 def _identity(mission: Mission, survey: Survey) -> Iterator[Check]:
@@ -89,7 +89,7 @@ def _protocol(mission: Mission, survey: Survey) -> Iterator[Check]:
 
 
 def _signing(mission: Mission, survey: Survey) -> Iterator[Check]:
-    """Whether the frames heard are signed as the mission wants them; nothing where nobody signs."""
+    """Check that received frames are signed as the mission requires. No line if neither side signs."""
     heard = survey.connection.counts[VEHICLE]
     if mission.file.signing is None:
         if heard.signed:
@@ -127,7 +127,7 @@ def _company(mission: Mission, survey: Survey) -> Iterator[Check]:
         yield Check(PASS, "others", "no other autopilot and no twin of ours on the link")
 
 
-# --- what it sends ----------------------------------------------------------------------------------------------------
+# --- telemetry --------------------------------------------------------------------------------------------------------
 
 
 def _streams(mission: Mission, survey: Survey) -> Iterator[Check]:
@@ -149,7 +149,7 @@ def _streams(mission: Mission, survey: Survey) -> Iterator[Check]:
 
 
 def _without(mission: Mission, survey: Survey, name: str) -> tuple[Grade, str]:
-    """How bad it is when a stream is missing or thin, and why."""
+    """Return the grade of a missing or slow stream, and its reason."""
     if name == "VFR_HUD" and (needs := _needs(mission, survey)):
         return FAIL, f"{' and '.join(sorted(needs))} come with it"
     if name == "ATTITUDE" and mission.file.vehicle.turn_gain == "learn":

@@ -1,4 +1,4 @@
-"""What preflight says of the ranging."""
+"""Preflight checks of the ranging."""
 
 from collections.abc import Iterator, Sequence
 from math import sqrt
@@ -14,27 +14,27 @@ from circnav_mav.pilot import RANGING, VEHICLE
 from circnav_mav.pilot.survey import RangeHeard, Survey
 
 FULL_RATE = 0.8
-"""Fraction of a wanted rate from which it counts as full."""
+"""Share of the requested rate above which a rate counts as full."""
 SPEED_OFF = 0.03
-"""Fraction by which the autopilot's clock may differ from ours; beyond, it is a simulator at another speed."""
+"""Largest relative difference of the autopilot's clock from ours. Above it, it is a simulator at another speed."""
 NOISE_NEAR, NOISE_FAR = 1.5, 4.0
-"""Measured over assumed noise: PASS up to the first, FAIL above the second, when many ranges were heard. Few ranges
-say less: both bounds grow by one part in the root of their number, so that an honest 0.5 m is doubted in 3 of 1000
-surveys of ten ranges and in none of 20,000 of fifty."""
+"""Ratio of measured to assumed noise: PASS up to the first, FAIL above the second. For n residuals both bounds are
+multiplied by 1 + 1/sqrt(n). A correct 0.5 m is then doubted in 3 of 1000 surveys of 10 ranges, and in none of 20,000
+surveys of 50 ranges."""
 MOST_REJECTED = 0.1
 """Share of rejected ranges above which preflight warns; chosen."""
 MOST_OUTLIERS = 0.05
-"""Share of outliers above which preflight warns; chosen, half of what the benchmark flies."""
+"""Share of outliers above which preflight warns; chosen, half of that in the benchmark."""
 LATE = 0.1
-"""Age of a range on its way, s, above which preflight warns; chosen, two ticks."""
+"""Delay of a range on the link, s, above which preflight warns; chosen, two ticks."""
 
 
 def judge_ranging(mission: Mission, survey: Survey) -> Iterator[Check]:
-    """Lines about the ranges: whether they come, how often, how late and how noisy, and whether their stamps hold."""
+    """Check reception, rate, delay, noise and timestamps of the ranges."""
     ranges, height = survey.ranges, survey.height.at(survey.end)
     yield from _height(mission, survey, height)
     if choice := survey.ranging.sources.choice(survey.end):
-        # ranges of two targets have no common noise, age or distance
+        # noise, age and distance of ranges to two targets have no meaning
         yield Check(FAIL, "ranging", f"{choice}. A flight does not engage")
         return
     yield _heard(mission, survey)
@@ -66,7 +66,7 @@ def _heard(mission: Mission, survey: Survey) -> Check:
 
 
 def _rejected(mission: Mission, survey: Survey) -> Check:
-    """Messages of other sources do no harm: one source is used, and `_heard` names several."""
+    """Check the share of rejected ranges. Messages of other sources do not count: only one source is used."""
     rejected = survey.ranging.rejected
     counts = {reason: count for reason, count in rejected.items() if reason not in OTHERS}
     words = describe_rejected(dict(sorted(rejected.items())))
@@ -75,7 +75,7 @@ def _rejected(mission: Mission, survey: Survey) -> Check:
 
 
 def _rates(mission: Mission, survey: Survey) -> Iterator[Check]:
-    """The measured range rate: whether it comes, scatters as the mission says, and goes with the ranges."""
+    """Check reception, noise and consistency with the ranges of the measured range rate."""
     table, values = mission.file.ranging, survey.rates
     name, wanted, assumed = table.rate_name, table.rate_hz, table.rate_sigma_mps
     if trouble := survey.rate_reader.trouble:
@@ -117,12 +117,12 @@ def _noise(mission: Mission, ranges: Sequence[RangeHeard]) -> Iterator[Check]:
 
 
 def outliers_among(residuals: Sequence[float], gate: float) -> float:
-    """Share of the ranges that are off by more than the gate; each shows in three second differences."""
+    """Return the share of ranges with an error above the gate (m). Each outlier appears in three residuals."""
     return sum(abs(residual) > gate for residual in residuals) / 3 / len(residuals)
 
 
 def residuals_of(ranges: Sequence[RangeHeard]) -> list[float]:
-    """Return the residuals of ranges, of which a turn of 1 m/s^2 at 10 Hz makes 4 mm."""
+    """Return the noise residuals of ranges, m. A turn with 1 m/s^2 at 10 Hz contributes only 4 mm."""
     moments = [(one.time, one.r) for one in ranges]
     threes = zip(moments, moments[1:], moments[2:], strict=False)
     return [float(residual(*three)) for three in threes if three[0][0] < three[1][0] < three[2][0]] or [0.0]
@@ -139,7 +139,8 @@ def _age(mission: Mission, survey: Survey) -> Check:
 
 
 def _stamps(mission: Mission, survey: Survey) -> Iterator[Check]:
-    """Whether the messages' own times are of use; nothing where the autopilot's clock says why they are not."""
+    """Check the speed of the sensor's clock. No line if it is wrong by the same factor as the autopilot's clock, which
+    is checked separately."""
     ranges, boot = survey.ranges, survey.boot
     if mission.file.ranging.stamp == "arrival":
         yield Check(PASS, "stamps", "arrival times, as the mission says")
@@ -161,7 +162,7 @@ def _stamps(mission: Mission, survey: Survey) -> Iterator[Check]:
 
 
 def _height(mission: Mission, survey: Survey, height: float | None) -> Iterator[Check]:
-    """The height that comes from the vehicle's altitude; one that the mission tells is judged by `check`."""
+    """Check a height that is computed from the vehicle's altitude. `check` covers a height given in the mission."""
     if unknown := survey.height.why_unknown(survey.end):
         yield Check(FAIL, "height cost", unknown)
     elif mission.height.needs_altitude and height is not None:
@@ -169,7 +170,7 @@ def _height(mission: Mission, survey: Survey, height: float | None) -> Iterator[
 
 
 def _calibrated(mission: Mission, ranges: Sequence[RangeHeard]) -> Iterator[Check]:
-    """What the mission's calibration makes of the newest range. Compare it with a tape."""
+    """Report the newest range before and after the mission's calibration, for comparison with a tape measure."""
     calibration = mission.file.ranging.calibration
     if calibration.is_set:
         r = ranges[-1].r

@@ -1,4 +1,4 @@
-"""Problems of a TOML file that pydantic found, as one line for the person who wrote it."""
+"""Validation errors of a TOML file from pydantic, as one line for the author of the file."""
 
 from collections.abc import Iterator
 from difflib import get_close_matches
@@ -8,13 +8,13 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 MOST_PROBLEMS, MOST_SHOWN = 8, 60
-"""Problems listed in one line, and characters shown of a wrong value."""
+"""Most problems listed in one line, and most characters shown of a wrong value."""
 _BOUNDS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
 
 
 def in_words(error: ValidationError, schema: type[BaseModel]) -> str:
-    """Describe the problems of a file of this schema; unknown keys first, for a misspelled key is also a missing
-    one."""
+    """Return the problems of a file of this schema as one line. Unknown keys come first, because a misspelled key is
+    also a missing one."""
     problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
     missing = [".".join(map(str, problem["loc"])) for problem in problems if problem["type"] == "missing"]
     lines = [_one_in_words(problem, schema) for problem in problems if problem["type"] != "missing"]
@@ -39,7 +39,7 @@ def _one_in_words(problem: ErrorDetails, schema: type[BaseModel]) -> str:
         return f"{key}: must be a table, not {_shown(given)}"
     if kind == "finite_number":
         field = _table(schema, place[:-1]).model_fields.get(place[-1])
-        # a key that is needed has no default at all
+        # a required key has no default
         remedy = ": leave it out for none" if field is not None and field.default is None else ""
         return f"{key}: must be a finite number, not {given}{remedy}"
     bound = next((f"{words} {context[name]:g}" for name, words in _BOUNDS.items() if name in context), None)
@@ -50,12 +50,12 @@ def _one_in_words(problem: ErrorDetails, schema: type[BaseModel]) -> str:
 
 
 def _shown(given: Any) -> str:
-    """A value as Python writes it, its beginning if it is long."""
+    """Return a value as Python writes it, shortened if it is long."""
     return repr(given)[:MOST_SHOWN]
 
 
 def _remedy(kind: str, given: Any) -> str:
-    """The remedy for a value that TOML spells in another way: .5, 1. or a number in quotes, yes or True."""
+    """Return the remedy for a value that TOML writes differently: `.5`, `1.`, a number in quotes, yes or True."""
     if kind == "bool_type":
         return ": write true or false"
     if kind not in ("float_type", "int_type") or not isinstance(given, str):
@@ -67,14 +67,14 @@ def _remedy(kind: str, given: Any) -> str:
 
 
 def keys_of(table: type[BaseModel], before: str = "") -> Iterator[str]:
-    """The keys of a table and of those within it, dotted."""
+    """Yield the dotted keys of a table and its inner tables."""
     for name in table.model_fields:
         inner = _inner(table, name)
         yield from [before + name] if inner is None else keys_of(inner, f"{before}{name}.")
 
 
 def _table(schema: type[BaseModel], place: list[str]) -> type[BaseModel]:
-    """The table of the schema at a place; where part of it is none, the table around that part."""
+    """Return the table of the schema at a path, or the innermost table that exists on this path."""
     model = schema
     for part in place:
         inner = _inner(model, part)
@@ -85,7 +85,7 @@ def _table(schema: type[BaseModel], place: list[str]) -> type[BaseModel]:
 
 
 def _inner(table: type[BaseModel], name: str) -> type[BaseModel] | None:
-    """The table that a key of a table holds, if it does."""
+    """Return the model of a key that holds a table, or None."""
     annotation = table.model_fields[name].annotation
     kinds = [kind for kind in (annotation, *get_args(annotation)) if isinstance(kind, type)]
     return next((kind for kind in kinds if issubclass(kind, BaseModel)), None)

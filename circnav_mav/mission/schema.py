@@ -1,6 +1,7 @@
-"""The tables and keys of a mission file, with their units in their names and their bounds.
+"""Tables and keys of a mission file, with units in their names, and their bounds.
 
-Bounds keep out what cannot be meant (a tick of 1 kHz, a bank of 80 deg); what is flyable is said by `checks`.
+The bounds reject implausible values (a tick of 1 kHz, a bank of 80 deg). `checks` reports whether a mission is
+flyable.
 """
 
 from collections.abc import Iterable
@@ -17,20 +18,20 @@ from circnav_mav.mav.ranging.calibration import Calibration, rising
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 
 FAR = 1e9
-"""Most that a number may be: beyond, products of a few of them are no numbers any more."""
+"""Largest value of a number. Products of a few larger ones may overflow."""
 MOST_PORT = 65535
 """Largest port (16 bits)."""
 MOST_STALE = 5.0
-"""Age of a range, s, that nothing should be steered by."""
+"""Largest age of a range, s, that may steer."""
 MAX_TURN_LAG = 10.0
-"""Longest delay of a vehicle's turn, s. More was meant in milliseconds."""
+"""Longest delay of a vehicle's turn, s. Larger values were probably meant in ms."""
 MAX_PATIENCE = 3600.0
-"""Longest time, s, for which a flight goes on without ranges, vehicle or obedience. More was meant in milliseconds, and
-would switch the exit action off."""
+"""Longest time, s, that a flight continues without ranges, or while turn commands are not followed. Larger values were
+probably meant in ms, and would disable the exit action."""
 MAX_NAME = 100
-"""Most characters of a mission's name: with a time before it, it names the run folder."""
+"""Most characters of a mission's name. The name of the run folder consists of a time and this name."""
 MAX_CIRCLES = 50
-"""Most circles of a mission: the live page is sent all of them in one line, which a pipe takes up to 4 kB long."""
+"""Most circles of a mission. The live page receives all of them in one line through a pipe, at most 4 kB long."""
 Positive = Annotated[float, Field(gt=0, le=FAR)]
 NotNegative = Annotated[float, Field(ge=0, le=FAR)]
 Patience = Annotated[float, Field(ge=0, le=MAX_PATIENCE)]
@@ -41,7 +42,7 @@ Name = Annotated[str, Field(min_length=1)]
 
 
 def _addresses(given: Any) -> list[str]:
-    """One address or network, or a list of them."""
+    """Validate an address or network, or a list of them."""
     names = given if isinstance(given, list) else [given]
     try:
         for name in names:
@@ -57,7 +58,7 @@ _RADIUS = TypeAdapter(Positive, config=ConfigDict(strict=True, allow_inf_nan=Fal
 
 
 def _radii(given: Any) -> float | list[float]:
-    """A radius, or a list of them."""
+    """Validate a radius, or a list of them."""
     if isinstance(given, list) and not 0 < len(given) <= MAX_CIRCLES:
         raise PydanticCustomError("radii", f"must be a radius, or those of 1 to {MAX_CIRCLES} circles in their order")
     if isinstance(given, list):
@@ -73,7 +74,7 @@ Point = Annotated[list[Length], Field(min_length=2, max_length=2)]
 
 
 def _rising(points: list[list[float]]) -> list[list[float]]:
-    """Points of a calibration, each [true, reported] in m."""
+    """Validate points of a calibration, each [true, reported], m."""
     if not rising(points):
         advice = "must be two points or more, [true, reported], both rising, such as [[0, 4.4], [50, 57.6]]"
         raise PydanticCustomError("points", advice)
@@ -98,19 +99,19 @@ REMOVED = {
     "locate.range_bias_m": "2 m",
     "handback.every_s": "1 s",
 }
-"""Keys of earlier versions that still load, and what is used instead."""
+"""Removed keys of earlier versions that are still accepted, and the values used instead."""
 
 
 def advice(removed: Iterable[str]) -> str:
-    """Return one line about keys of earlier versions: what is used instead, and the remedy."""
+    """Return one line about removed keys of earlier versions: the values used instead, and the remedy."""
     names = list(removed)
     used = "; ".join(f"{name} is no longer a key, used is {REMOVED[name]}" for name in names)
     return f"{used}: delete {'it' if len(names) == 1 else 'them'}"
 
 
 class Table(BaseModel):
-    """A table that knows all its keys, converts nothing silently and takes no NaN or infinity, which TOML has: a bound
-    that is one never acts, or always."""
+    """A table that rejects unknown keys, silent conversions, NaN and infinity. TOML allows NaN and infinity, but such a
+    bound would act never, or always."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
@@ -189,7 +190,7 @@ class RangingTable(Table):
 
     @property
     def calibration(self) -> Calibration:
-        """Error of the radio, as the mission has it."""
+        """Calibration of the radio in the mission."""
         points = tuple((true, reported) for true, reported in self.points_m or ())
         return Calibration(self.scale, self.bias_m, self.delay_s, points)
 
@@ -199,7 +200,9 @@ class LinkTable(Table):
 
     endpoint: Name
     peer: Addresses | None = None
-    component_id: Annotated[int, Field(ge=191, le=194)] = 191  # MAV_COMP_ID_ONBOARD_COMPUTER .. 4
+    component_id: Annotated[int, Field(ge=191, le=194)] = (
+        191  # MAV_COMP_ID_ONBOARD_COMPUTER to MAV_COMP_ID_ONBOARD_COMPUTER4
+    )
     wait_s: Positive = 30.0
     unsigned_parameters: bool = False
     clock: Literal["local", "autopilot"] = "local"
@@ -243,17 +246,19 @@ class BoundsTable(Table):
     max_range_m: Positive | None = None
     min_altitude_m: Height | None = None
     max_altitude_m: Height | None = None
-    min_battery_percent: Annotated[float, Field(ge=1, le=100)] | None = None  # below 1 a fraction was meant
+    min_battery_percent: Annotated[float, Field(ge=1, le=100)] | None = (
+        None  # values below 1 were probably meant as a fraction
+    )
 
 
 class LogTable(Table):
     """[log]"""
 
-    max_mb: Positive = 2000.0  # some 65 h
+    max_mb: Positive = 2000.0  # about 65 h
 
 
 class MissionFile(Table):
-    """The whole file, without the tables of extras. `sim` belongs to the bundled vehicle, which checks it itself."""
+    """The complete file, without the tables of extras. The bundled vehicle validates `sim` itself."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$", max_length=MAX_NAME)]
     vehicle: VehicleTable

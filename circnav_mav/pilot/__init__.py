@@ -1,4 +1,4 @@
-"""The whole application without I/O: bytes and the time in, bytes out."""
+"""The complete application without I/O: bytes and time in, bytes out."""
 
 from circnav_mav.pilot.mission_state import Ending, Outcome, Phase, Timing
 from circnav_mav.pilot.pilot import Pilot

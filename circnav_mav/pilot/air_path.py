@@ -1,4 +1,4 @@
-"""The vehicle's motion through the air, from its telemetry to the estimators and to the learning of its turn."""
+"""The vehicle's motion through the air: from telemetry to the estimators and to the learning of its turn response."""
 
 from circnav_mav.guidance.side_slip import SideSlip
 from circnav_mav.guidance.types import OwnMotion
@@ -11,10 +11,10 @@ from circnav_mav.pilot.range_tracker import RangeTracker
 
 
 class AirPath:
-    """Hands the motion of the vehicle to tracker and controller.
+    """Passes the motion of the vehicle to tracker and controller.
 
-    own: the newest motion through the air, None before an attitude was received. implausible_airspeed: measured
-    airspeed (m/s) that is ignored, None while it is plausible.
+    own: newest motion through the air, or None before an attitude was received. implausible_airspeed: measured airspeed
+    (m/s) that is ignored, or None while it is plausible.
     """
 
     def __init__(self, session: Session, tracker: RangeTracker, controller: Controller) -> None:
@@ -24,7 +24,7 @@ class AirPath:
         self.implausible_airspeed: float | None = None
 
     def receive(self, message: Message, now: float, *, steering: bool, flies: bool) -> None:
-        """Take in a message of the vehicle. It moves the height, and an attitude also the learning of the turn and the
+        """Process a message of the vehicle: update the height and, for an attitude, the turn response and the
         estimators. flies: False in a dry run."""
         adapter, motion, controller = self._session.adapter, self._session.motion, self._controller
         motion.keeps_heading = steering
@@ -36,7 +36,7 @@ class AirPath:
         own = nose = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
         if own is None or nose is None:
             return
-        if not adapter.flies:  # the tilt of a rover is that of the ground, and pushes nothing
+        if not adapter.flies:  # a rover tilts with the ground, which does not accelerate it
             own = own._replace(push=None)
         if adapter.velocity_loop is not None and steering:
             self._copter_motion, own = self._copter_motion.follow(own, adapter.velocity_loop)
@@ -46,8 +46,8 @@ class AirPath:
             self._side_slip, own = self._side_slip.follow(own)
         self.own = own
         controller.on_motion(own, nose)
-        # A vehicle without an airspeed sensor has the commanded airspeed while it flies as commanded. In a dry run
-        # another program commands it: it counts as flying at this speed while it turns as our commands would turn it.
+        # A vehicle without an airspeed sensor has the commanded airspeed while it follows its commands. In a dry run
+        # another program commands it: assume this speed while it turns as our commands would turn it.
         follows = controller.at_speed if flies else controller.followed
         if adapter.measures_airspeed or (steering and follows):
             self._tracker.estimator.move(own)

@@ -1,6 +1,6 @@
-"""Whose the vehicle is, and what we may send to it. The operator always wins.
+"""Controller of the vehicle, and setpoints that may be sent. The operator always has priority.
 
-Who holds the vehicle (`Holder`) and whether that is known for certain now make one answer: `Authority.allowed`.
+`Authority.allowed` combines the controller of the vehicle (`Holder`) with whether it is currently confirmed.
 """
 
 from enum import Enum
@@ -11,23 +11,22 @@ from circnav_mav.pilot.mode_request import ModeRequest
 from circnav_mav.pilot.settings import OutputMode, PilotSettings
 
 GIVEN_AFTER = 1.5
-"""Time, s, for which the vehicle must have reported nothing but the guided mode, from one report to a later one, before
-it is given back: a switch may pass through that mode, and what was reported before it was left may come late by another
-way, between newer reports."""
+"""Time, s, that the guided mode must last, by consecutive reports, before the vehicle is considered returned. A mode
+switch may pass through that mode, and older reports may arrive late over another link."""
 TAKEN_OVER = "taken over"
-"""How texts of a takeover begin, on the link and as the reason of an end; charts mark by it."""
+"""First words of all texts about a takeover, sent or recorded. Charts use them to mark the event."""
 LANDED_PATIENCE = 1.5
-"""Time, s, that a vehicle is given to report whether it flies before the first engagement."""
+"""Longest wait, s, for the vehicle's report that it flies, before the first engagement."""
 STALL = 0.5
-"""Gap between two steps, s, after which everything that came in during it counts as stale."""
+"""Gap between two steps, s, above which data received during the gap is considered stale."""
 CATCH_UP = 0.2
-"""Time after it, s, in which what comes in may still be from before: it takes a few turns to read it all."""
+"""Time after such a gap, s, in which received data may still be stale: reading the backlog takes a few steps."""
 SILENT = 1.5
-"""Age of the vehicle's newest report of its mode, s, above which it may be in other hands."""
+"""Age of the vehicle's newest mode report, s, above which the operator may have taken over."""
 
 
 class Holder(Enum):
-    """Who holds the vehicle once a flight has begun."""
+    """Controller of the vehicle once a flight has begun."""
 
     US = "we: the guided mode means that we may steer"
     OPERATOR_IN_MODE = "the operator, and the guided mode was not left since (disarmed, rebooted)"
@@ -35,7 +34,7 @@ class Holder(Enum):
 
 
 class Allowed(Enum):
-    """What setpoint may leave now."""
+    """Setpoint that may be sent now."""
 
     NOTHING = "nothing"
     SAFE = "the safe setpoint"
@@ -43,7 +42,7 @@ class Allowed(Enum):
 
 
 class Authority:
-    """Watches who holds the vehicle: a mode that is not ours, disarming or a reboot takes it from us."""
+    """Tracks the controller of the vehicle. Another mode, disarming or a reboot ends our control."""
 
     def __init__(self, settings: PilotSettings, session: Session, mission: MissionState) -> None:
         self._settings = settings
@@ -52,25 +51,25 @@ class Authority:
         self._flies = settings.output_mode is OutputMode.FLY
         self.holder = Holder.US
         self.rebooted = False
-        """Whether the autopilot has rebooted before the last look at it."""
+        """True if the newest `watch_takeover` found a reboot of the autopilot."""
         self._departures = self._reboots = 0
         self._back_since: float | None = None
-        """Since when the vehicle reports the guided mode that the operator had left, s."""
+        """Time of the first report of the guided mode after the operator had left it, s."""
         self._stepped: float | None = None
         self._backlog_until = float("-inf")
         self._confirmed = True
-        """Whether the vehicle has reported its mode since we last stood still."""
+        """True if the vehicle has reported its mode since the last gap between steps."""
         self._heartbeats = 0
         self._request = ModeRequest()
         self._asked_in: int | None = None
-        """The mode of the vehicle when the guided one was first asked for."""
+        """Mode of the vehicle when the guided mode was first requested."""
         self._operator_chose = False
-        """Whether the operator, or a failsafe, has chosen a mode since."""
+        """True if the operator, or a failsafe, has changed the mode since."""
 
     # --- what may be sent -------------------------------------------------------------------------------------------
 
     def allowed(self, now: float) -> Allowed:
-        """What setpoint may leave in this step."""
+        """Return the setpoint that may be sent in this step."""
         if not self._flies or not self.certain:
             return Allowed.NOTHING
         if self._mission.steering:
@@ -82,43 +81,43 @@ class Authority:
 
     @property
     def certain(self) -> bool:
-        """Whether the vehicle is known to be the one of before, and in whose hands it is; who sends no setpoints need
-        not know."""
+        """True if the vehicle's identity and its controller are confirmed. Always true in a dry run."""
         return not self._flies or (self._confirmed and not self._session.vehicle.unproven)
 
     @property
     def in_our_hands(self) -> bool:
-        """Whether the vehicle obeys us, and may: once engaged, or at our own request."""
+        """True if the vehicle is in the guided mode and under our control: after engaging, or at our request."""
         may = self._mission.begun or self._came_at_our_request
         return may and self._flies and self.holder is Holder.US and self._session.vehicle.in_our_mode
 
     def may_be_ours(self, now: float) -> bool:
-        """Whether the vehicle is to be given back at the end: it obeys us, or may in a moment, for it was just asked to
-        and its next heartbeat will tell."""
+        """True if the vehicle must be returned at the end: it is under our control, or a mode request is pending that
+        its next heartbeat may confirm."""
         return self.in_our_hands or (self._came_at_our_request and self._request.pending(now))
 
     @property
     def _came_at_our_request(self) -> bool:
-        """Whether the guided mode, if the vehicle is in it, is what we asked for."""
+        """True if the guided mode, should the vehicle be in it, is a result of our request."""
         return self._asked_in is not None and not self._operator_chose
 
     def may_say_last_words(self) -> bool:
-        """Whether the safe setpoint may be sent by a shell whose pilot has failed."""
+        """True if the caller may send the safe setpoint after the pilot has failed."""
         return self.in_our_hands and self._mission.phase not in NOT_OURS and not self._session.vehicle.unproven
 
     def may_ask_for_exit(self, now: float) -> bool:
-        """Whether that shell may ask for the exit action, too: a mode is obeyed whoever has the vehicle."""
+        """True if the caller may also request the exit action. The vehicle obeys a mode request even after a takeover,
+        so its controller must be confirmed."""
         return self.certain and not self.may_be_backlog(now) and self._session.heartbeat_age(now) < SILENT
 
-    # --- what it waits for ------------------------------------------------------------------------------------------
+    # --- conditions of an engagement --------------------------------------------------------------------------------
 
     def may_engage(self, now: float) -> bool:
-        """Whether the vehicle may be steered from now on; a pilot that sends no setpoints needs nobody's leave. Once
-        engaged, a slow link or a landing stops nothing."""
+        """True if the vehicle may be steered from now on. Always true in a dry run. Not used while steering: a slow
+        link or a landing does not end a flight."""
         return not self._flies or not self.obstacle(now)
 
     def obstacle(self, now: float) -> str:
-        """What an engagement waits for, for people; empty for nothing."""
+        """Return the condition that an engagement waits for, human-readable, or an empty string."""
         vehicle, guided = self._session.vehicle, self._session.adapter.guided_name
         if self.holder is not Holder.US:
             enter = f"leave {guided} and enter it" if self.holder is Holder.OPERATOR_IN_MODE else f"enter {guided}"
@@ -131,7 +130,8 @@ class Authority:
         return f"mode {guided}: {enter}" if vehicle.armed else "the vehicle is not armed"
 
     def _hindrance(self, now: float, *, over_slow_link: bool = False) -> str:
-        """Why the vehicle cannot be steered, whoever has it and whatever its mode."""
+        """Return the reason why the vehicle cannot be steered, regardless of its controller and mode, or an empty
+        string."""
         rivals = [] if self._mission.begun else self._session.identity.rivals.recent(now)
         disputed = f"{rivals[0]}: name yours with link.peer, or sign" if rivals else ""
         slow = "" if over_slow_link else self._slow_link(now)
@@ -139,7 +139,8 @@ class Authority:
         return disputed or slow or silent or self._not_flying(now)
 
     def _slow_link(self, now: float) -> str:
-        """Question and answer must be within the mission's bound before the first engagement."""
+        """Return a text if the round trip exceeds the mission's bound before the first engagement, else an empty
+        string."""
         trip, most = self._session.timesync, self._settings.timing.round_trip
         if self._mission.begun or (trip.settled(now) and (trip.typical or 0.0) <= most):
             return ""
@@ -148,8 +149,7 @@ class Authority:
         return f"link too slow: round trip {trip.typical:.2f} s (at most {most:g} s, 1.2 times limits.stale_s)"
 
     def _not_flying(self, now: float) -> str:
-        """An aircraft is not steered before it flies, for the first time or again; one that does not say whether it
-        does is given a moment to, unless it was ours until the link was lost."""
+        """Return a text if an aircraft does not fly, else an empty string."""
         session, vehicle = self._session, self._session.vehicle
         if not session.adapter.flies:
             return ""
@@ -157,23 +157,27 @@ class Authority:
             return "the vehicle is on the ground"
         if not vehicle.armed:
             return "the vehicle is not armed"
+        # Some vehicles do not report whether they fly. Wait for the report for a moment, except when a flight resumes
+        # after a lost link.
         goes_on = self._mission.begun and self._mission.phase is Phase.READY
         silent = vehicle.on_ground is None and not goes_on and now - session.identity.since < LANDED_PATIENCE
         return "the vehicle has not reported that it flies" if silent else ""
 
     def _streams_first(self, now: float) -> bool:
-        """Whether setpoints go out before the engagement: PX4 enters our mode only while they flow, and does not fly
-        them until then. Never after a takeover, on the ground or blind; over a slow link, it shall refuse the mode."""
+        """True if setpoints are sent before the engagement. Never after a takeover, on the ground or without required
+        telemetry."""
+        # PX4 enters OFFBOARD only while it receives setpoints, and does not fly them before. Over a slow link none are
+        # sent, so that PX4 rejects the mode.
         session = self._session
         if self._mission.phase is not Phase.READY or not session.adapter.wants_setpoints_in(session.vehicle.mode):
             return False
         return self.holder is Holder.US and not self._hindrance(now, over_slow_link=session.vehicle.in_our_mode)
 
-    # --- asking for the guided mode ---------------------------------------------------------------------------------
+    # --- request of the guided mode ---------------------------------------------------------------------------------
 
     def ask_for_mode(self, now: float) -> str | None:
-        """Ask for the guided mode in the air with all else ready, and never again once the flight has begun; answers
-        with the reason why it is of no use."""
+        """Request the guided mode, in the air and with all else ready, but never after the flight has begun. Return the
+        reason if the request failed for good, else None."""
         session, adapter, mission = self._session, self._session.adapter, self._mission
         asks = self._asks_for_mode and self._flies and not mission.begun and mission.phase is Phase.READY
         if not asks or session.vehicle.mode == adapter.guided_mode or self._hindrance(now):
@@ -185,16 +189,17 @@ class Authority:
 
     @property
     def _asks_for_mode(self) -> bool:
-        """Whether the mode is ours to ask for. Once any other was chosen since the first request, it is the operator's:
-        asked for again, it would undo his word or a failsafe's."""
+        """True if the guided mode may be requested. After another mode was chosen since the first request, a new one
+        would override the operator or a failsafe."""
         return self._settings.request_mode and not self._operator_chose
 
-    # --- who holds the vehicle --------------------------------------------------------------------------------------
+    # --- controller of the vehicle ----------------------------------------------------------------------------------
 
     def watch_takeover(self) -> tuple[str, str] | None:
-        """What took the vehicle from us, if it was ours until now: as STATUSTEXT, and for the record."""
+        """Return the cause of a takeover in this step, as STATUSTEXT and as the recorded reason, or None."""
         session, vehicle = self._session, self._session.vehicle
-        # a vehicle that we held is ours also where it was lost, or was given back and cannot be steered yet
+        # A vehicle under our control stays so while the link is lost, and while it has been returned to us but cannot
+        # be steered yet.
         ours = self.holder is Holder.US or self._mission.phase not in (Phase.WAIT_LINK, Phase.YIELDED)
         departed, self._departures = vehicle.departures > self._departures, vehicle.departures
         self.rebooted, self._reboots = vehicle.reboots > self._reboots, vehicle.reboots
@@ -214,7 +219,8 @@ class Authority:
         return what, f"{what}: operator or failsafe"
 
     def _watch_return(self, *, left: bool, in_mode: bool) -> None:
-        """The operator gives the vehicle back: he leaves the guided mode, enters it again, and it lasts."""
+        """Detect that the operator returns the vehicle: the guided mode is left, entered again, and stays for
+        GIVEN_AFTER."""
         reported_at = self._session.vehicle.heard_at
         if left and self.holder is Holder.OPERATOR_IN_MODE:
             self.holder = Holder.OPERATOR
@@ -225,11 +231,13 @@ class Authority:
         elif reported_at - self._back_since >= GIVEN_AFTER:
             self.holder = Holder.US
 
-    # --- what we know of it -----------------------------------------------------------------------------------------
+    # --- confirmation after gaps ------------------------------------------------------------------------------------
 
     def stepped(self, now: float) -> bool:
-        """A step begins; tells whether what came in may have waited while we stood still. After that the vehicle may
-        be in other hands until a heartbeat has reported its mode."""
+        """Begin a step. Return True if received data may date from a gap between steps.
+
+        After such a gap, the operator may have taken over until a heartbeat reports the vehicle's mode.
+        """
         heartbeats, backlog = self._session.vehicle.heartbeats, self.may_be_backlog(now)
         if self._stood_still(now):
             self._backlog_until = now + CATCH_UP
@@ -242,7 +250,7 @@ class Authority:
         return backlog
 
     def may_be_backlog(self, now: float) -> bool:
-        """Whether what comes in now may have waited while we stood still."""
+        """True if data received now may date from a gap between steps."""
         return now < self._backlog_until or self._stood_still(now)
 
     def _stood_still(self, now: float) -> bool:
@@ -250,7 +258,7 @@ class Authority:
 
 
 def unreported(session: Session, now: float) -> str:
-    """What the vehicle does not report although it must, for people; empty where nothing is missing."""
+    """Return a text about required telemetry that is missing, or an empty string."""
     if not (missing := session.missing(now)):
         return ""
     name = session.adapter.name
@@ -258,8 +266,7 @@ def unreported(session: Session, now: float) -> str:
 
 
 def unwatched(settings: PilotSettings, session: Session, now: float) -> str:
-    """What the vehicle does not report although a bound of the mission goes by it, for people; empty where nothing is
-    missing."""
+    """Return a text about missing telemetry that a bound of the mission needs, or an empty string."""
     bounds = settings.bounds
     if (bounds.lowest, bounds.highest) != (None, None) and session.motion.at(now).altitude is None:
         return "no altitude in VFR_HUD: bounds.min_altitude_m and max_altitude_m go by it"
@@ -269,5 +276,5 @@ def unwatched(settings: PilotSettings, session: Session, now: float) -> str:
 
 
 def denied(session: Session) -> str:
-    """The streams that the vehicle has denied, for people, to be added to what is missing."""
+    """Return a text about the streams that the vehicle denied, to be appended to a text about missing telemetry."""
     return f"; streams denied by the vehicle: {', '.join(session.streams.refused)}" if session.streams.refused else ""

@@ -1,7 +1,7 @@
-"""The conditions of a flight that the operator has to know: one table for display, page, STATUSTEXT and verdict.
+"""Conditions of a flight that the operator has to know: one table for display, page, STATUSTEXT and verdict.
 
-`Conditions` evaluates the table after each step. Texts for ground stations are sent once as a condition begins and once
-as it ends; `alarms` has the texts of now. Extras have rows of their own and report them by `Onlooker.alarms`.
+`Conditions` evaluates the table after each step. It sends texts to ground stations once when a condition begins and
+once when it ends. `alarms` holds the current texts. Extras report their own conditions by `Onlooker.alarms`.
 """
 
 from collections.abc import Callable
@@ -21,30 +21,30 @@ if TYPE_CHECKING:
     from circnav_mav.pilot.pilot import Pilot
 
 MOST_REJECTED = 0.5
-"""Share of the ranges above which rejected ones are an alarm."""
+"""Share of rejected ranges above which an alarm is raised."""
 FEW_SETPOINTS = 0.5
-"""Share of the setpoints of `limits.tick_hz` below which a steered vehicle gets too few."""
+"""Share of the setpoint rate `limits.tick_hz` below which a steered vehicle receives too few setpoints."""
 UPLINK_SILENT = 2.0
-"""Time, s, without an answer of a steered vehicle to TIMESYNC, which is asked once a second and repeated when lost."""
+"""Time, s, without an answer of a steered vehicle to TIMESYNC. Requests are sent once a second and repeated if lost."""
 LOST = {
     "attitude": "NO ATTITUDE from the vehicle: flown by ranges alone, its turns are not watched",
     "airspeed": "NO AIRSPEED from the vehicle: V is used instead",
     "altitude": "NO ALTITUDE from the vehicle: no climb is commanded",
     "climb": "NO CLIMB from the vehicle: the pitch is not corrected by it",
 }
-"""Alarms for reports that a steered vehicle does not send any more."""
+"""Alarms for telemetry that a steered vehicle no longer sends."""
 NOISE = "range noise {found[1]:.2g} m, expected {found[0]:.2g} m"
 
 
 @dataclass(frozen=True)
 class Condition:
-    """A row of the table. Texts are formats of `found`, what the condition was found by, and `p`, the pilot.
+    """A row of the table. Texts are format strings of `found`, the evidence of the condition, and `p`, the pilot.
 
-    name: stable key, in summary.json too. find: function from pilot and time to `found`, false if not active. short:
-    STATUSTEXT as it begins, at most 41 characters, empty for none. long: text of the alarm on display, page and
-    verdict, empty for a condition that is no alarm. over: STATUSTEXT as it ends. repeats: True to send `short` for each
-    change of `found`. once: True to send it once in a flight. steering: True if the condition exists only while the
-    vehicle is steered, and ends without a text when that ends.
+    name: stable key, also in summary.json. find: function from pilot and time to `found`, false if not active. short:
+    STATUSTEXT at the beginning, at most 41 characters, empty for none. long: text of the alarm on display, page and
+    verdict, empty if the condition is no alarm. over: STATUSTEXT at the end. repeats: True to send `short` at each
+    change of `found`. once: True to send it once per flight. steering: True if the condition exists only while the
+    vehicle is steered. Its end by the end of steering is not reported.
     """
 
     name: str
@@ -58,7 +58,7 @@ class Condition:
     steering: bool = False
 
     def alarm(self, found: object) -> dict[str, str]:
-        """Return the alarm, by its name, of a condition that is found outside of the pilot."""
+        """Return {name: text} of a condition that is detected outside of the pilot."""
         return {self.name: self.long.format(found=found)}
 
 
@@ -69,16 +69,16 @@ class Conditions:
         self._pilot, self._say = pilot, pilot.session.announcer.say
         self._active: dict[str, object] = {}
         self._sent: dict[str, object] = {}
-        """The state of each condition whose text was sent."""
+        """State of each condition whose text was sent."""
 
     @property
     def alarms(self) -> dict[str, str]:
-        """The texts of the alarms, by name, the worst first."""
+        """Texts of the active alarms, by name, the worst first."""
         rows = (row for row in TABLE if row.long and row.name in self._active)
         return {row.name: row.long.format(found=self._active[row.name], p=self._pilot) for row in rows}
 
     def update(self, now: float) -> None:
-        """Evaluate the table, and send the texts of what has begun or ended."""
+        """Evaluate the table, and send texts for the conditions that have begun or ended."""
         pilot = self._pilot
         for row in TABLE:
             hidden = (row.steering and not pilot.mission.steering) or (pilot.done and row is not ENDED)
@@ -93,7 +93,7 @@ class Conditions:
                     self._say(row.name, row.over, severity=NOTICE)
 
     def forget(self, row: Condition) -> None:
-        """Forget that a condition was active: no text is sent for its end."""
+        """Mark a condition as not active, without a text for its end."""
         self._active.pop(row.name, None)
         if not row.once:
             self._sent.pop(row.name, None)
@@ -131,9 +131,9 @@ CLOCK_SPEED = Condition(
     long='CLOCK: autopilot time runs {found:.2g} times as fast as ours: for a simulator set link.clock = "autopilot"',
 )
 NOT_RECORDING = Condition("not_recording", long="NOT RECORDING: {found}")
-"""Found by the recorder: a replay does not have its disk."""
+"""Detected by the recorder: a replay does not use the flight's disk."""
 EXTRA_STOPPED = Condition("extra_stopped", long="{found}")
-"""Found by `Onlookers`."""
+"""Detected by `Onlookers`."""
 
 TABLE = (
     *(
@@ -225,7 +225,7 @@ TABLE = (
     ),
     Condition(
         "most_ranges_rejected",
-        # A link that brings every range three times has most of them rejected, and loses none.
+        # A link that delivers every range three times has two thirds rejected as duplicates, but loses none.
         lambda p, now: (
             (one := p.rates.whole) and one.refused > MOST_REJECTED * one.ranges
             and one.taken < MOST_REJECTED * p.settings.ranging.rate_hz and one
@@ -269,7 +269,7 @@ TABLE = (
         long="FEW SETPOINTS: {found[0]:.1f} of {found[1]:.0f} per second are sent: the computer is overloaded, stop "
         "other programs or lower limits.tick_hz",
     ),
-    # no alarms: only sent to ground stations
+    # not alarms: only sent to ground stations
     Condition("range_noise", lambda p, now: p.tracker.noise.found, NOISE, severity=NOTICE),
     Condition("low_range_noise", lambda p, now: p.tracker.noise.lowered, NOISE, severity=NOTICE),
     Condition(
@@ -292,5 +292,5 @@ TABLE = (
     ),
     Condition("law", lambda p, now: p.flies and p.law, "{p.why}", repeats=True, severity=NOTICE),
 )
-"""All conditions that a pilot finds by itself, the worst first."""
+"""All conditions that the pilot itself detects, the worst first."""
 # fmt: on

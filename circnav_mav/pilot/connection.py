@@ -1,4 +1,4 @@
-"""The links of a mission and the session with its vehicle: what a pilot and a survey have in common."""
+"""Links of a mission and session with its vehicle, used by `Pilot` and `Survey`."""
 
 from collections.abc import Hashable, Iterable, Iterator
 
@@ -14,17 +14,17 @@ from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.settings import LINKS, RANGING, VEHICLE, PilotSettings
 
 HOME_RATE = 1.0
-"""Rate, Hz, of HOME_POSITION where the height counts from home, which may be set anew until the engagement."""
+"""Rate, Hz, of HOME_POSITION if the height is relative to home. Home may be changed until the engagement."""
 
 
 class Connection:
-    """Decodes what comes in on each link; encodes nothing but the greeting of a ranging link."""
+    """Decodes the data of each link, and encodes the hello message of a ranging link."""
 
     def __init__(self, settings: PilotSettings, signing: Signing | None, also: Iterable[int] = ()) -> None:
-        """signing: signs what is sent and tells who is believed; None: neither. also: more message ids to decode."""
+        """signing: signs sent frames and authenticates received ones, or None. also: further message ids to decode."""
         self.ranging_message = RANGING_MESSAGES[settings.ranging.message]
         self.more_streams: dict[int, float] = {}
-        """Streams to ask for beside the adapter's, message id -> Hz: ranges that the autopilot sends, and home."""
+        """Streams to request in addition to the adapter's, message id -> Hz: the autopilot's ranges, and home."""
         if settings.ranging.component_id == AUTOPILOT_COMPONENT and not settings.ranging_apart:
             self.more_streams[self.ranging_message.id] = settings.ranging.rate_hz
         if settings.height.target_above_home is not None:
@@ -42,13 +42,15 @@ class Connection:
             for link in LINKS
         }
         self.counts = {link: decoder.counts for link, decoder in self.decoders.items()}
-        """What came in on each link."""
+        """Counts of received frames by link."""
         self._next_hello = float("-inf")
 
     def receive(self, data: bytes, now: float, source: Hashable, link: str) -> Iterator[tuple[Message, bool, bool]]:
-        """One datagram (or chunk of a stream) that arrived at `now` from `source` on a link, message by message, each
-        with whether it is of the pinned vehicle, and whether it may be a range: the mission's ranging message, on the
-        link that ranging comes on."""
+        """Yield the messages of a datagram (or chunk of a stream) that arrived at `now` from `source` on a link.
+
+        Each message comes with two flags: True if the pinned vehicle sent it, and True if it may be a range, that is,
+        the mission's ranging message on the ranging link.
+        """
         decoder = self.decoders[link]
         for message in decoder.decode(data):
             of_vehicle = link == VEHICLE and self.session.receive(message, now, source)
@@ -57,7 +59,7 @@ class Connection:
             self.session.identity.greet(source, now)
 
     def hello(self, now: float) -> bytes:
-        """What goes out on a separate ranging link: a heartbeat, for routers forward only to those who have spoken."""
+        """Return the frames for a separate ranging link: a heartbeat, because routers forward only to known senders."""
         if now < self._next_hello:
             return b""
         self._next_hello = now + HEARTBEAT_PERIOD

@@ -1,4 +1,4 @@
-"""From an estimate to the bytes' meaning: law, turn-rate gain, choke point, the vehicle's message."""
+"""From an estimate to a setpoint message: law, turn-rate gain, setpoint guard, adapter of the vehicle."""
 
 from dataclasses import replace
 from math import ceil, isfinite
@@ -19,31 +19,32 @@ from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.pilot.settings import PilotSettings
 
 SPEED_UP = 2.5
-"""Time, s, of turning as commanded, after which a vehicle counts as flying at V: a multicopter needs it from standstill
-to 5 m/s, and the path of before would be taken for a drift."""
+"""Time, s, of turning as commanded after which the vehicle is assumed to fly at V. A multicopter needs it to accelerate
+from 0 to 5 m/s. The estimator would take its slower path for a drift."""
 LONGEST_GAP = 1.0
-"""Gap between two reports of own motion, s, after which the vehicle may have stopped meanwhile."""
+"""Gap between two reports of own motion, s, above which the vehicle may have stopped in between."""
 DEAF_AFTER = 1.0
-"""Time of not turning as commanded, s, after which a vehicle counts as deaf: a reversed turn takes less."""
+"""Time without turning as commanded, s, after which the vehicle does not follow its commands. Reversing a turn takes
+less."""
 DOUBTED_AFTER = 0.7
-"""Time of not turning as commanded, s, after which its path is not counted: a turn that swings through zero is
-commanded and flown at different moments for as long."""
+"""Time without turning as commanded, s, after which the path is not used. When a turn is reversed, commanded and flown
+turn differ for this long."""
 RELATIVE = ("auto", "drift")
 """Estimators of the relative motion."""
 LONGEST_DELAY = 2.0
-"""Most delay of the link, s, that the gains are made for."""
+"""Largest delay of the link, s, that the gains are tuned for."""
 
 
 class Controller:
-    """Steers the vehicle of a session. Every message that it gives out has passed the setpoint guard."""
+    """Steers the vehicle of a session. Every message that it returns has passed the setpoint guard."""
 
     def __init__(self, settings: PilotSettings) -> None:
         orbit, facts = settings.orbit, settings.facts
         self._settings = settings
         self.circle = orbit
-        """The circle of the mission, or the one that was asked for since."""
+        """Circle of the mission, or the one requested since."""
         self._spacing = 0.0, 1.0
-        """Offset, m, and factor of the speed, by which a fleet spaces itself."""
+        """Radius offset, m, and speed factor of the spacing in a fleet."""
         self._tuning = settings.tuning
         lag, gain, link = settings.turn_lag, settings.turn_gain, settings.timing.tick
         self._answer = TurnAnswer(lag, orbit.max_turn_rate, gain=gain, link=link)
@@ -59,27 +60,27 @@ class Controller:
             )
         )
         self.turns = self._answer.monitor
-        """Compares commanded and flown turns: not followed, or in a limit cycle."""
+        """Compares commanded and flown turns, and detects that they differ or oscillate."""
         self._followed_at = self._slow_at = float("-inf")
         self._height: float | None = None
         self.lean = LeanLimit()
-        """Limit of a copter's lean, as found in flight, and the speed that it allows."""
+        """Limit of a copter's lean, measured in flight, and the speed that it allows."""
         self.drag = 0.0
-        """Of a copter, 1/s, as learnt in flight."""
+        """Drag coefficient of a copter, 1/s, measured in flight."""
 
     @property
     def orbit(self) -> Orbit:
-        """The circle that is flown now, with the spacing of a fleet."""
+        """The circle flown now, including the spacing in a fleet."""
         return self._loop.orbit
 
     @property
     def law(self) -> str:
-        """Name of the law that was chosen."""
+        """Name of the chosen law."""
         return self._tuning.law
 
     @property
     def turn_gain(self) -> float:
-        """Realised over commanded turn rate, as used now."""
+        """Ratio of realized to commanded turn rate, as used now."""
         return self._answer.gain
 
     @property
@@ -89,34 +90,33 @@ class Controller:
 
     @property
     def bank_limit(self) -> float | None:
-        """Turn rate of the bank beyond which the vehicle does not go, rad/s; None while it does as commanded."""
+        """Turn rate at the largest bank that the vehicle flies, rad/s, or None while it follows its commands."""
         found = self._answer.bank_limit.bank
         return found if isfinite(found) else None
 
     @property
     def speed(self) -> float:
-        """Speed to command, m/s: V, or what a copter's lean limit leaves of it."""
+        """Speed to command, m/s: V, reduced by the lean limit of a copter."""
         return self.orbit.speed * self.lean.share
 
     @property
     def response(self) -> Response:
-        """How the vehicle answers turn commands, as used now."""
+        """Response of the vehicle to turn commands, as used now."""
         return self._answer.response
 
     @property
     def followed(self) -> bool:
-        """Whether the vehicle turns as commanded."""
+        """True if the vehicle turns as commanded."""
         return bool(self._answer.by_command.followed)
 
     @property
     def at_speed(self) -> bool:
-        """Whether the vehicle has flown as commanded for long enough to have the commanded speed."""
+        """True if the vehicle has followed its commands for long enough to have the commanded speed."""
         now = float(self._answer.by_command.time)
         return now - self._followed_at <= DOUBTED_AFTER and now - self._slow_at >= SPEED_UP - SAME_TIME
 
     def on_motion(self, own: OwnMotion, nose: OwnMotion) -> None:
-        """Learn the turn-rate gain and the delay from the vehicle's heading, and whether it flies as commanded. nose:
-        motion as it was reported."""
+        """Update turn-rate gain, delay and `followed` from the vehicle's heading. nose: motion as reported."""
         before = self._answer.by_command.time
         if not self._loop.feel(own, nose):
             return
@@ -132,7 +132,8 @@ class Controller:
     def command(
         self, phase: Phase, estimate: RangeEstimate | None, round_trip: float | None, now: float
     ) -> TurnCommand | None:
-        """Return the turn now: of the law while engaged, of the circle while holding. round_trip: of the link, s."""
+        """Return the turn command: the law's while engaged, the circle's turn rate while holding, else None.
+        round_trip: of the link, s."""
         self._answer.link = min(self._settings.timing.tick if round_trip is None else round_trip, LONGEST_DELAY)
         if phase is Phase.HOLDING:
             return self._loop.hold(estimate, now)
@@ -144,8 +145,8 @@ class Controller:
         return command
 
     def change_circle(self, request: CircleRequest, now: float) -> str:
-        """Fly another circle from now on. Return why it cannot be flown, empty if it is."""
-        # Spacing and other changes have clocks of their own: a fleet never makes the operator wait.
+        """Fly another circle from now on. Return the reason if it cannot be flown, else an empty string."""
+        # Spacing and other changes have separate timers, so that a fleet never delays the operator.
         changed_at = self._spaced_at if request.spaces else self._changed_at
         if now - changed_at < MIN_INTERVAL - SAME_TIME:
             return f"{now - changed_at:.2f} s after the last change, wait {MIN_INTERVAL:g} s"
@@ -169,7 +170,8 @@ class Controller:
         return ""
 
     def change_law(self, name: str) -> str:
-        """Fly another law from now on, with its default gain. Return why it cannot be flown, empty if it is."""
+        """Fly another law from now on, with its default gain. Return the reason if it cannot be flown, else an empty
+        string."""
         if LAWS[name].flies_relative_motion and self._settings.estimator not in RELATIVE:
             return f"law {name} needs estimator auto, the mission has {self._settings.estimator}"
         tuning = replace(self._settings.tuning, law=name, gain=None)
@@ -181,7 +183,7 @@ class Controller:
         return ""
 
     def setpoint(self, command: TurnCommand, session: Session, now: float) -> tuple[Message, YawRate]:
-        """The message that flies a command, and the yaw rate in it. Raises UnsafeSetpointError."""
+        """Return the setpoint message for a command, and its yaw rate. Raises UnsafeSetpointError."""
         wanted = Steer(yaw_rate_from_turn_rate(command.turn_rate), self.speed)
         steer = self._guard.admit(wanted, now)
         state = self._state(session, now, engaged=True)
@@ -193,7 +195,8 @@ class Controller:
         self._answer.command(now, turn_rate_from_yaw_rate(sent))
 
     def safe_setpoint(self, session: Session, now: float, *, engaged: bool = True) -> Message:
-        """The vehicle's safe setpoint. `engaged` holds the height of the engagement. Raises UnsafeSetpointError."""
+        """Return the vehicle's safe setpoint. engaged: hold the height of the engagement. Raises
+        UnsafeSetpointError."""
         state = self._state(session, now, engaged=engaged)
         return self._guard.check_message(session.adapter.safe_setpoint(state, now), session.adapter.shapes)
 
@@ -203,7 +206,7 @@ class Controller:
         self._height = None
 
     def _state(self, session: Session, now: float, *, engaged: bool) -> Addressee:
-        """What the adapter may know; the height to hold is that at which the vehicle became ours."""
+        """Return the context of a setpoint for the adapter. The height to hold is that of the engagement."""
         motion = session.motion.at(now)
         if engaged and self._height is None:
             self._height = motion.altitude

@@ -1,39 +1,39 @@
-"""Compares the setpoint that the vehicle reports with those sent: another program may steer it, too."""
+"""Detects a second controller by comparing the setpoint that the vehicle reports with those sent."""
 
 from collections import deque
 
 KEPT = 3.0
-"""Time, s, for which a setpoint sent may still be the one reported, beside the round trip of the link: an uplink that
-drops out for so long is not noticed yet, and the vehicle flies the last setpoint that it received."""
+"""Time, s, in addition to the round trip, for which a sent setpoint may still be the reported one. During a shorter,
+unnoticed outage of the uplink, the vehicle flies the last setpoint received."""
 GAP = 0.5
 """Time without a setpoint, s, after which the next one starts a new stream."""
 SETTLED = 2.0
-"""Time since the start of a stream, s, from which on the vehicle is expected to report it."""
+"""Time since the start of a stream, s, after which the vehicle is expected to report it."""
 SLACK, SHARE = 0.03, 0.1
-"""Differences that are not another's: rad/s or rad, and share of the turn sent. Autopilots report to a thousandth."""
+"""Tolerated difference: rad/s or rad, and share of the sent turn. The resolution of autopilots is 0.001."""
 MANY, WITHIN = 4, 5.0
-"""Number of reports that must differ, and the time, s, in which."""
+"""Differing reports that count as evidence, and the time, s, in which they must arrive."""
 
 
 class EchoWatch:
-    """Finds reports of a turn that was not sent. Turns are yaw rates (rad/s) or banks (rad), right positive."""
+    """Detects reports of a turn that was not sent. Turns are yaw rates (rad/s) or banks (rad), right positive."""
 
     def __init__(self) -> None:
         self._sent: deque[tuple[float, float]] = deque()
         self._since = float("-inf")
         self._others: deque[tuple[float, float | None, float]] = deque(maxlen=MANY)
-        """The newest reports that differ: time, turn reported, nearest turn sent."""
+        """Newest differing reports: time, reported turn, nearest turn sent."""
 
     def sent(self, turn: float, now: float) -> None:
-        """Note a setpoint that leaves now."""
+        """Record a setpoint that is sent now."""
         if not self._sent or now - self._sent[-1][0] > GAP:
             self._since = now
             self._sent.clear()
         self._sent.append((now, turn))
 
     def reported(self, turn: float | None, now: float, round_trip: float, *, limited: bool) -> None:
-        """Note a report of the setpoint flown; None: of one without a turn. limited: the autopilot may have reduced it,
-        as it does a bank, so that anything between 0 and the turn sent may be ours."""
+        """Record a report of the setpoint flown, None if it has no turn. limited: the autopilot may have reduced it, as
+        it does a bank, so that any turn between 0 and the one sent may be ours."""
         oldest = now - KEPT - round_trip
         while len(self._sent) > 1 and self._sent[1][0] <= oldest:
             self._sent.popleft()
@@ -46,8 +46,8 @@ class EchoWatch:
             self._others.append((now, turn, min(max(turn or 0.0, least), most)))
 
     def other(self, now: float) -> tuple[float | None, float] | None:
-        """Return the newest turn reported that was not sent, None for another kind of setpoint, and the nearest that
-        was sent. None if there are not many."""
+        """Return the newest reported turn that was not sent (None for another kind of setpoint) and the nearest one
+        sent. Return None if too few reports differ."""
         if len(self._others) < MANY or now - self._others[0][0] > WITHIN:
             return None
         return self._others[-1][1:]

@@ -1,6 +1,6 @@
-"""The height above the target, by which slant ranges become horizontal.
+"""Height above the target, used to convert slant ranges to horizontal ones.
 
-Read are VFR_HUD.alt and, of HOME_POSITION, the altitude alone: its latitude, longitude and local position never are.
+It is read from VFR_HUD.alt and the altitude of HOME_POSITION. Latitude, longitude and local position are never read.
 """
 
 from circnav_mav.mav.codec import Message
@@ -8,42 +8,42 @@ from circnav_mav.mav.own_motion import AIR_MAX_AGE, MOST_ALTITUDE
 from circnav_mav.pilot.settings import HeightSettings
 
 MOST_CLIMB = 20.0
-"""Climb or sink rate, m/s, that none of our vehicles has: a quicker change is an altitude estimate that was reset."""
+"""Climb or sink rate, m/s, above that of all supported vehicles. A faster change is a reset altitude estimate."""
 BUNCHED = 0.25
-"""Least time, s, by which two altitudes count as apart: a link may deliver several at once."""
+"""Least interval, s, assumed between two altitudes: a link may deliver several at once."""
 RETURNS = 3.0
-"""Time, s, within which an altitude that jumped may come back little by little, as ArduPlane's does in turbulence."""
+"""Time, s, within which the altitude may return gradually after a jump, as ArduPlane's does in turbulence."""
 
 READ = frozenset({"VFR_HUD", "HOME_POSITION"})
-"""Types of the messages from which the height follows."""
+"""Types of the messages that determine the height."""
 
 
 class Height:
-    """The height above the target.
+    """Height above the target.
 
-    Before the engagement it follows from the mission and the newest altitude. From then on it changes with the altitude
-    alone, and the last height is held while no altitude is received.
+    Before the engagement it is computed from the mission and the newest altitude. From then on it changes with the
+    altitude alone, and is held while no altitude is received.
     """
 
     def __init__(self, settings: HeightSettings) -> None:
         self._settings = settings
         self._base = settings.above_target or 0.0
         self._zero = settings.target_altitude
-        """The altitude at which the height is `_base`, None while it is not known."""
+        """Altitude at which the height is `_base`, m, or None while unknown."""
         self._altitude: float | None = None
         self._received_at = float("-inf")
         self._engaged = False
         self._jumped = 0.0
-        """The sum of the jumps of the altitude since the engagement, m, which do not count as height."""
+        """Sum of the altitude jumps since the engagement, m. They do not change the height."""
         self._doubt: tuple[float, float, float] | None = None
         """Time of the newest jump, the altitude before it, and its size."""
 
     def engage(self) -> None:
-        """Take home and height as those of the flight: the vehicle is steered from now on."""
+        """Fix home and height for the flight: the vehicle is steered from now on."""
         self._engaged = True
 
     def receive(self, message: Message, altitude: float | None, now: float) -> None:
-        """Take in one message of the vehicle. altitude: as accepted from VFR_HUD, None if none was."""
+        """Process a message of the vehicle. altitude: as accepted from VFR_HUD, m, or None."""
         above_home = self._settings.target_above_home
         if message.get_type() == "HOME_POSITION" and above_home is not None and not self._engaged:
             home = message.altitude / 1000
@@ -52,7 +52,7 @@ class Height:
             return
         before, waited = self._altitude, max(now - self._received_at, BUNCHED)
         self._altitude, self._received_at = altitude, now
-        if not self._engaged:  # a home that is set late moves the altitude by hundreds of meters, and rightly so
+        if not self._engaged:  # setting home late legitimately changes the altitude by hundreds of meters
             return
         if self._zero is None:
             self._zero = altitude if self._settings.above_target is not None else None
@@ -61,14 +61,14 @@ class Height:
         if before is None or abs(change) <= MOST_CLIMB * waited:
             self._forgive(altitude, now)
             return
-        # The vehicle did not move, the zero of its altitude did. A glitch that comes and goes leaves nothing behind.
+        # The vehicle did not move, only the zero of its altitude. A glitch that appears and disappears has no effect.
         began, origin, so_far = self._doubt or (now, before, 0.0)
         self._doubt = began, origin, so_far + change
         self._zero += change
         self._jumped += change
 
     def _forgive(self, altitude: float, now: float) -> None:
-        """Restore the zero if the altitude has come back little by little since its jump."""
+        """Restore the zero if the altitude has gradually returned since its jump."""
         if self._doubt is None or now - self._doubt[0] < RETURNS:
             return
         (_, origin, jump), self._doubt = self._doubt, None
@@ -77,7 +77,7 @@ class Height:
             self._jumped -= jump
 
     def at(self, now: float) -> float | None:
-        """Return the height, m; None if it is unknown or the mission has none."""
+        """Return the height, m, or None if it is unknown or the mission has none."""
         live = self._engaged or now - self._received_at <= AIR_MAX_AGE
         if self._zero is None or self._altitude is None or not live:
             return self._settings.above_target
@@ -85,11 +85,11 @@ class Height:
 
     @property
     def newest(self) -> float | None:
-        """The height by the newest altitude, m, whatever its age; None if unknown."""
+        """Height from the newest altitude of any age, m, or None if unknown."""
         return self.at(self._received_at)
 
     def set(self, height: float, now: float) -> str:
-        """Use another height above the target from now on, m. Return why this is not possible, empty otherwise."""
+        """Use another height above the target from now on, m. Return the reason if impossible, else an empty string."""
         if self._altitude is None or now - self._received_at > AIR_MAX_AGE:
             return "no altitude (VFR_HUD.alt)"
         self._settings = HeightSettings(above_target=height)
@@ -97,7 +97,7 @@ class Height:
         return ""
 
     def why_unknown(self, now: float) -> str:
-        """Return why the height that the mission needs is unknown, human-readable; empty if it is known."""
+        """Return the reason why the height that the mission needs is unknown, human-readable, or an empty string."""
         if not self._settings.needs_altitude or self.at(now) is not None:
             return ""
         if self._zero is None:
@@ -108,10 +108,10 @@ class Height:
         return "no altitude (VFR_HUD.alt), without which the height above the target is not known"
 
     def is_held(self, now: float) -> bool:
-        """True if no altitude is received in flight, so that the last height is held."""
+        """True if the last height is held because no altitude is received in flight."""
         return self._engaged and now - self._received_at > AIR_MAX_AGE and self.at(now) is not None
 
     @property
     def jump(self) -> float:
-        """Jump of the altitude in flight that does not count as height, m; 0 for none that matters."""
+        """Jump of the altitude in flight that does not change the height, m, or 0 if negligible."""
         return self._jumped if abs(self._jumped) > MOST_CLIMB * BUNCHED else 0.0

@@ -1,4 +1,4 @@
-"""A step of the loop of a flight, as it is recorded and read back."""
+"""A step of a flight's loop, as recorded and read back."""
 
 import json
 from collections.abc import Hashable
@@ -8,17 +8,18 @@ from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.guidance.types import Direction
 
 HELD_BACK = "held"
-"""In turns.csv, in the place of a count: what there was to say was not sent."""
+"""Entry of turns.csv in place of a count of frames: the frames were not sent."""
 
 
 @dataclass(slots=True)
 class LoopStep:
     """One step of the loop.
 
-    heard: (link, source, whole frames) of each datagram. said: frames to the vehicle. hello: frames to the ranging
-    link. attached: frames that onlookers sent to the vehicle. requests: for another circle, from outside of the pilot.
-    interrupt: why the flight was ended from outside in this step. held_back: True if nothing was sent because the
-    step took too long. exchanged: frames between onlookers and others than the vehicle, such as the members of a fleet.
+    heard: (link, source, whole frames) of each datagram received. said: frames sent to the vehicle. hello: frames sent
+    to the ranging link. attached: frames that onlookers sent to the vehicle. requests: requests for another circle from
+    outside of the pilot. interrupt: reason why the flight was ended from outside in this step. held_back: True if
+    nothing was sent because the step took too long. exchanged: frames between onlookers and systems other than the
+    vehicle, such as the members of a fleet.
     """
 
     time: float
@@ -33,7 +34,7 @@ class LoopStep:
 
     @property
     def frames_heard(self) -> list[bytes]:
-        """All that came in, in order."""
+        """All frames received, in order."""
         return [frame for _, _, datagram in self.heard for frame in datagram]
 
 
@@ -46,7 +47,7 @@ def requests_text(requests: list[CircleRequest]) -> str:
 
 
 def requests_from(text: str) -> list[CircleRequest]:
-    """Return the requests of a cell of turns.csv. Raises ValueError for what the recorder never wrote."""
+    """Return the requests in a cell of turns.csv. Raises ValueError if the recorder cannot have written the cell."""
     try:
         return [
             CircleRequest(radius, direction and Direction(direction), speed, by, *spacing)

@@ -1,11 +1,11 @@
-"""Where a mission stands: its phases as a table, its times, and how it ended."""
+"""State of a mission: table of its phases, its time limits, and its outcome."""
 
 from dataclasses import dataclass
 from enum import Enum
 
 
 class Phase(Enum):
-    """Where the mission stands."""
+    """Phase of the mission."""
 
     WAIT_LINK = "waiting for the link"
     WAIT_RANGING = "waiting for ranging"
@@ -18,7 +18,7 @@ class Phase(Enum):
 
 
 class Event(Enum):
-    """What moves a mission from phase to phase."""
+    """Events that change the phase of a mission."""
 
     LINK_UP = "link up"
     LINK_LOST = "link lost"
@@ -32,11 +32,11 @@ class Event(Enum):
 
 
 STEERING = frozenset({Phase.ENGAGED, Phase.HOLDING})
-"""The phases in which the vehicle is steered: setpoints that steer leave in these and in no other."""
+"""The only phases in which steering setpoints are sent."""
 IN_REACH = STEERING | {Phase.WAIT_RANGING, Phase.READY}
-"""The phases in which a vehicle that was engaged may still be in our mode."""
+"""Phases in which a vehicle that was engaged may still be in the guided mode."""
 NOT_OURS = frozenset({Phase.WAIT_LINK, Phase.YIELDED, Phase.ENDED})
-"""The phases in which there is nothing left to say to a vehicle that was engaged."""
+"""Phases in which nothing more is sent to a vehicle that was engaged."""
 
 TRANSITIONS: dict[tuple[Phase, Event], Phase] = {
     (Phase.WAIT_LINK, Event.LINK_UP): Phase.WAIT_RANGING,
@@ -57,16 +57,16 @@ TRANSITIONS: dict[tuple[Phase, Event], Phase] = {
     **{(phase, Event.FINISH_OURS): Phase.ENDED for phase in (Phase.WAIT_LINK, Phase.YIELDED)},
     **{(Phase.LEAVING, event): Phase.ENDED for event in (Event.SAFE_SENT, Event.MODE_LEFT, Event.LINK_LOST)},
 }
-"""A pair that is not listed changes nothing."""
+"""Phase after each pair of phase and event. Pairs that are not listed keep the phase."""
 
 
 def advance(phase: Phase, event: Event) -> Phase:
-    """The phase after an event."""
+    """Return the phase after an event."""
     return TRANSITIONS.get((phase, event), phase)
 
 
 class Ending(Enum):
-    """How a flight ended."""
+    """Kinds of ending of a flight."""
 
     COMPLETED = "completed"
     INTERRUPTED = "interrupted"
@@ -76,7 +76,7 @@ class Ending(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """An ending, with the reason for people."""
+    """Ending of a flight, with its human-readable reason."""
 
     ending: Ending
     reason: str
@@ -84,11 +84,14 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """All in seconds. duration: of the flight after engaging. wait_link, wait_ranging: patience before the first
-    engagement. stale: age of the newest range up to which the prediction steers. hold: how long to hold after that.
-    unfollowed: how long the vehicle may not follow turn commands before the exit action. outage: longest silence of the
-    vehicle after which the mission resumes. round_trip: to the vehicle and back, above which it is not engaged.
-    tick: period without fresh ranges."""
+    """Time limits, all in s.
+
+    duration: of the flight after engaging. wait_link, wait_ranging: longest waits before the first engagement. stale:
+    age of the newest range up to which the prediction steers. hold: longest holding of the circle's turn rate after
+    that. unfollowed: longest time without following turn commands before the exit action. outage: longest silence of
+    the vehicle after which the mission resumes. round_trip: largest round trip to the vehicle at which it is engaged.
+    tick: period of the steps without fresh ranges.
+    """
 
     duration: float
     wait_link: float = 30.0
@@ -102,34 +105,34 @@ class Timing:
 
 
 class MissionState:
-    """Moves through the phases, by events and in no other way."""
+    """Phase, times and outcome of a mission. Only events change the phase."""
 
     def __init__(self, hold: float = 10.0) -> None:
         """hold: longest time without ranges, s."""
         self.hold = hold
         self.phase = Phase.WAIT_LINK
         self.since = 0.0
-        """When the phase began, s."""
+        """Beginning of the phase, s."""
         self.started: float | None = None
-        """The first step, s."""
+        """Time of the first step, s."""
         self.engaged_at: float | None = None
-        """The first engagement, s."""
+        """Time of the first engagement, s."""
         self.lost_at: float | None = None
-        """When the vehicle was lost that was steered, s; None once it is steered again, or was taken over."""
+        """Time when the link to the steered vehicle was lost, s, or None after it is steered again or taken over."""
         self.outcome: Outcome | None = None
 
     @property
     def steering(self) -> bool:
-        """Whether the vehicle is steered."""
+        """True if the vehicle is steered."""
         return self.phase in STEERING
 
     @property
     def begun(self) -> bool:
-        """Whether the vehicle was engaged at any time."""
+        """True if the vehicle was engaged at any time."""
         return self.engaged_at is not None
 
     def happened(self, event: Event, now: float) -> bool:
-        """Apply an event; tells whether it changed the phase."""
+        """Apply an event. Return True if it changed the phase."""
         before, self.phase = self.phase, advance(self.phase, event)
         if self.phase is before:
             return False
@@ -137,29 +140,29 @@ class MissionState:
         return True
 
     def step(self, now: float) -> None:
-        """A step is taken."""
+        """Record the time of the first step."""
         self.started = now if self.started is None else self.started
 
     def engage(self, now: float) -> None:
-        """The vehicle is ours, for the first time or again."""
+        """Begin to steer the vehicle, for the first time or again."""
         self.happened(Event.MODE_OURS, now)
         self.lost_at = None
         self.engaged_at = now if self.engaged_at is None else self.engaged_at
 
     def lose(self, now: float) -> None:
-        """The vehicle is gone."""
+        """Handle the loss of the link."""
         if self.steering:
             self.lost_at = now
         self.happened(Event.LINK_LOST, now)
 
     def yield_to_operator(self, now: float) -> None:
-        """The vehicle was taken from us; what was lost before is not waited for any more."""
+        """Handle a takeover. The time limit of a lost link no longer applies."""
         self.lost_at = None
         self.happened(Event.MODE_LEFT, now)
 
     def finish(self, outcome: Outcome, now: float, *, ours: bool) -> bool:
-        """The mission ends; tells whether this is the reason why: the first one counts. ours: whether the vehicle is
-        to be given back."""
+        """End the mission. Return True for the first reason, which becomes the outcome. ours: True if the vehicle must
+        be returned."""
         first = self.outcome is None
         self.outcome = self.outcome or outcome
         self.happened(Event.FINISH_OURS if ours else Event.FINISH, now)

@@ -1,23 +1,22 @@
-"""Asking for a mode: the guided one before the flight, the exit action after it."""
+"""Mode requests: the guided mode before the flight, the exit action after it."""
 
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import once
 from circnav_mav.mav.session import Session
 
 PROOF = 3.0
-"""Time, s, that an accepted request has to show in the vehicle's heartbeat (PX4 sends one a second)."""
+"""Longest time, s, until an accepted request appears in the vehicle's heartbeat (PX4 sends one a second)."""
 TRIES = 3
-"""Times that an exit action is asked for before the safe setpoints end it; chosen."""
+"""Number of requests before a mode request counts as failed; chosen."""
 SAFE_SETPOINTS = 3
-"""Times that the safe setpoint is sent before silence: a datagram can be lost."""
+"""Number of safe setpoints sent before the stream ends: a datagram can be lost."""
 PATIENCE = 12.0
-"""Time, s, that the exit action may take before we fall silent without it."""
+"""Longest time, s, for the exit action. After it the stream ends without the action."""
 STOP_SENDING = "stop"
 
 
 class ModeRequest:
-    """One mode that is wanted: asked for, asked for again, and given up with a reason. Only the vehicle's own heartbeat
-    shows that it was entered."""
+    """Request of one mode, repeated until it fails with a reason. Only the vehicle's heartbeat confirms the mode."""
 
     def __init__(self) -> None:
         self._tries = 0
@@ -25,18 +24,18 @@ class ModeRequest:
         self._dropped = 0
 
     def pending(self, now: float) -> bool:
-        """Whether the vehicle may still enter the mode that it was asked for."""
+        """True if the vehicle may still enter the requested mode."""
         return now < self._due
 
     def ask(self, session: Session, mode: int, now: float) -> str | None:
-        """Keep asking; answers with the reason when there is no more use in it."""
+        """Request the mode again if a request is due. Return the reason if it failed for good, else None."""
         said = f', the vehicle says "{session.texts[-1]}"' if session.texts else ""
         refusals = [result for result in session.take_mode_results() if not result.accepted]
         if refusals:
             self._due = float("-inf")
             return f"refused: {refusals[0].said}{said}"
         if session.mode_requests_dropped > self._dropped and self._due > now:
-            self._tries, self._due = self._tries - 1, now  # dropped before its answer: that was no try
+            self._tries, self._due = self._tries - 1, now  # dropped unanswered: do not count it
         self._dropped = session.mode_requests_dropped
         if now < self._due or session.vehicle.mode == mode:
             return None
@@ -48,19 +47,19 @@ class ModeRequest:
 
 
 class ExitAction:
-    """The exit action of a mission, the autopilot's default where it names none: asked for with safe setpoints until
-    the vehicle's own mode shows it."""
+    """Exit action of a mission, requested along with safe setpoints until the vehicle's mode confirms it."""
 
     def __init__(self, action: str | None) -> None:
-        """action: name of a mode of the autopilot, STOP_SENDING, None for the autopilot's default."""
+        """action: name of a mode of the autopilot, STOP_SENDING, or None for the autopilot's default."""
         self.action = action
         self._request = ModeRequest()
         self._safe_left = SAFE_SETPOINTS
         self.failure: str | None = None
-        """Why the exit action is of no effect."""
+        """Reason why the exit action had no effect."""
 
     def go_on(self, session: Session, since: float, now: float) -> bool:
-        """Ask for the exit action, leaving since then (s); tells whether the safe setpoint now sent is the last."""
+        """Request the exit action. since: beginning of the phase LEAVING, s. Return True if the safe setpoint of this
+        step is the last one."""
         action = self._named(session)
         self._safe_left -= 1
         if action == STOP_SENDING:
@@ -73,15 +72,15 @@ class ExitAction:
         return failure is not None
 
     def wait_to_speak(self, since: float, now: float) -> bool:
-        """While nothing may be said (after a stall, or of a vehicle that may be another one); tells whether that has
-        taken too long."""
+        """Wait while nothing may be sent: after a stall, or while the vehicle's identity is unconfirmed. Return True if
+        this takes too long."""
         if now - since <= PATIENCE:
             return False
         self.failure = "exit action not requested: not known who has the vehicle"
         return True
 
     def at_once(self, session: Session) -> list[Message]:
-        """The exit action asked for once, by somebody who will not hear the answer."""
+        """Return the request of the exit action, for a caller that does not read the answer."""
         action = self._named(session)
         if action == STOP_SENDING:
             return []

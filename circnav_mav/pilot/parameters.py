@@ -1,4 +1,4 @@
-"""The values that a ground station may read and set in flight, by the MAVLink parameter protocol."""
+"""Values that a ground station may read and set in flight with the MAVLink parameter protocol."""
 
 from math import nan
 
@@ -15,7 +15,7 @@ from circnav_mav.pilot.mode_request import ExitAction
 
 DIRECTIONS = {1.0: Direction.CLOCKWISE, -1.0: Direction.COUNTERCLOCKWISE}
 LONGEST_HOLD = 600.0
-"""Longest time, s, without ranges that may be set: the circle drifts with the wind meanwhile."""
+"""Largest hold time without ranges that may be set, s: the circle drifts with the wind during it."""
 BY = "ground station"
 
 
@@ -28,7 +28,7 @@ class FlightParameters:
         self._mission = mission
 
     def all(self) -> tuple[Parameter, ...]:
-        """Return the parameters in the order in which they are listed."""
+        """Return the parameters in the order of their indices."""
         controller = self._controller
         return (
             Parameter("CN_RADIUS", lambda: controller.circle.radius, self._set_radius),

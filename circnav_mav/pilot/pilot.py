@@ -1,9 +1,9 @@
-"""The whole application as one object without I/O: bytes and the time in, bytes out.
+"""The complete application as one object without I/O: bytes and time in, bytes out.
 
     pilot.receive(data, now); pilot.step(now, send)
 
-A fresh range is answered by the very next step. A tick after it the prediction steers, for a short time; without more
-ranges the orbit's own turn rate is held, then given up. The operator always wins: see `authority`.
+The step after a fresh range steers by it. Between ranges, a prediction steers at every tick. Without ranges the
+circle's turn rate is held, and after a time limit the flight ends. The operator always has priority: see `authority`.
 """
 
 from collections import Counter
@@ -39,9 +39,9 @@ from circnav_mav.pilot.status_text import StatusText
 from circnav_mav.pilot.tick_scheduler import TickScheduler
 
 REPORTS_AFTER = 3.0
-"""Time, s, after a silence in which reports come in again one by one."""
+"""Time, s, after a silence until all telemetry streams are received again."""
 RECEIVES_AFTER = 3.0
-"""Time, s, after the first answer in which a vehicle that was not reached gets back to what it is commanded."""
+"""Time, s, after the first answer until a vehicle that was not reached follows its commands again."""
 
 UNSIGNED = "the link is not signed; to allow it: link.unsigned_parameters = true"
 
@@ -50,8 +50,8 @@ class Pilot:
     """The guidance application: ranging and vehicle telemetry in, setpoints out."""
 
     def __init__(self, settings: PilotSettings, signing: Signing | None = None) -> None:
-        """signing: signs what is sent and tells who is believed; None: neither."""
-        # The types are written out for `conditions`, which this module imports and which reads them.
+        """signing: signs sent frames and authenticates received ones, or None."""
+        # The explicit types are for `conditions`: this module imports it, and it reads these attributes.
         self.settings: PilotSettings = settings
         self.flies: bool = settings.output_mode is OutputMode.FLY
         self.connection = Connection(settings, signing)
@@ -66,36 +66,36 @@ class Pilot:
         self.parameters = ParameterServer(
             FlightParameters(self.controller, self.tracker.height, self._exit_action, session, self.mission).all()
         )
-        """Values that a ground station may read and set."""
+        """Parameters that a ground station may read and set."""
         self._signed = signing is not None and VEHICLE not in settings.unsigned_links
         self.scheduler = TickScheduler(settings.timing.tick)
         self.status = StatusText(settings, self.connection, self.mission, self._authority, self.tracker)
         self.law: str = ""
         self.why: str = ""
-        """The reason for the law chosen by `auto` or the search, human-readable; empty if the law is fixed."""
+        """Reason for the law chosen by `auto` or the search, human-readable. Empty if the law is fixed."""
         self.drift_alarm: DriftAlarm = DriftAlarm()
         self.rates: RateMeter = RateMeter()
         self.allowance: Allowance = Allowance()
         self.second_controller: SecondController = SecondController(session, self.mission)
         self._unanswered_at = float("-inf")
-        """When the vehicle last seemed not to receive us, s."""
+        """Last time at which TIMESYNC was not answered, s."""
         self._silent_at = float("-inf")
-        """When the vehicle last had reported no mode for SILENT, s."""
+        """Last time at which the newest mode report was older than SILENT, s."""
         self.lost_reports: tuple[str, ...] = ()
-        """Names of what the vehicle does not report, or too seldom. While it is silent altogether, those of before."""
+        """Names of telemetry that is missing or too rare. Unchanged while the vehicle is completely silent."""
         self.setpoints_sent = 0
         self._records: list[TickRecord] = []
         self._frames: list[bytes] = []
         self.path: AirPath = AirPath(session, self.tracker, self.controller)
         self.conditions = Conditions(self)
         self.estimate: RangeEstimate | None = None
-        """The estimate that the newest step steered by."""
+        """Estimate used by the newest step."""
         self._spacing_refused = ""
 
-    # --- in: every message that arrives -----------------------------------------------------------------------------
+    # --- input: received messages -----------------------------------------------------------------------------------
 
     def receive(self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE) -> None:
-        """Take in one datagram (or chunk of a stream) that arrived at `now` from `source` on a link."""
+        """Process a datagram (or chunk of a stream) that arrived at `now` from `source` on a link."""
         if not self._worth_reading(source, len(data), now, link):
             return
         for message, of_vehicle, of_ranging in self.connection.receive(data, now, source, link):
@@ -114,7 +114,8 @@ class Pilot:
         self.scheduler.at_once()
 
     def request_circle(self, request: CircleRequest, now: float) -> str:
-        """Fly another circle, if vehicle, bounds and rate of change allow it. Return why not, empty if it is flown."""
+        """Fly another circle, if vehicle, bounds and rate of change allow it. Return the reason if not, else an empty
+        string."""
         why = self.controller.change_circle(request, now)
         # Spacing is requested twice a second: the same refusal is reported once.
         if why and not (request.spaces and why == self._spacing_refused):
@@ -123,11 +124,12 @@ class Pilot:
         return why
 
     def abandon(self, reason: str) -> None:
-        """An error of ours has ended the flight, whatever it had come to."""
+        """End the flight as aborted because of an internal error, even if it had another outcome."""
         self.mission.outcome = Outcome(Ending.ABORTED, reason)
 
     def _worth_reading(self, source: Hashable, size: int, now: float, link: str) -> bool:
-        """Whether a datagram is read: all of the vehicle and of the ranging radio, of others within an allowance."""
+        """True if a datagram is read. Data of the vehicle and the ranging radio are always read, data of other senders
+        up to an allowance."""
         peer, radio = self.session.peer, self.tracker.ranging.trusted
         unknown = peer is None if link == VEHICLE else radio is None
         trusted = link == VEHICLE and peer is not None and source == peer.source
@@ -135,7 +137,7 @@ class Pilot:
         return unknown or trusted or self.allowance.take(size, now)
 
     def _take_parameter_request(self, message: Message, now: float, source: Hashable) -> None:
-        """Answer a ground station. Its frames come by way of the vehicle; from elsewhere they are a stranger's."""
+        """Answer a ground station. Its frames must arrive from the vehicle's address; others are ignored."""
         if source != self.session.reply_to:
             return
         refusal = "" if self._signed or self.settings.unsigned_parameters else UNSIGNED
@@ -149,13 +151,13 @@ class Pilot:
         if self.tracker.receive(message, now, source, stalled=stalled, begun=mission.begun):
             self.scheduler.heard(now)
 
-    # --- out: one step ----------------------------------------------------------------------------------------------
+    # --- output: one step -------------------------------------------------------------------------------------------
 
     def step(self, now: float, send: Callable[[bytes], bool]) -> None:
-        """Act if a fresh range is waiting or a tick is due: send the setpoint, then prepare and send everything else.
+        """Run a step if a fresh range is waiting or a tick is due: first send the setpoint, then everything else.
 
-        send: takes frames for the vehicle and returns True if they were sent. A setpoint that was not sent teaches
-        nothing about the vehicle, and is not recorded.
+        send: sends frames to the vehicle and returns True on success. A setpoint that was not sent is not recorded, and
+        not used to learn the vehicle's response.
         """
         if self._authority.stepped(now):
             self.tracker.fresh = False
@@ -192,14 +194,16 @@ class Pilot:
         self._records.append(record)
 
     def _due(self, now: float) -> bool:
-        """Whether this step acts. The safe setpoints of the end are a tick apart, however many ranges come."""
+        """True if this step must run. In LEAVING, safe setpoints are sent at ticks only, not at ranges."""
         answers = self.tracker.fresh and self.mission.phase is not Phase.LEAVING
         return not self.done and (answers or now >= self.scheduler.due)
 
-    # --- what moves the phases
+    # --- changes of phase
 
     def _watch_link(self, now: float) -> None:
-        """A vehicle that is not proven to be the one of before counts as lost; last words wait for it a while."""
+        """Change the phase when the link is established or lost."""
+        # While the vehicle's identity is unconfirmed, treat the link as lost. In LEAVING, keep waiting so that the exit
+        # action can still be sent.
         session, mission = self.session, self.mission
         if not session.up:
             return
@@ -212,7 +216,7 @@ class Pilot:
             mission.lose(now)
 
     def _watch_takeover(self, now: float) -> None:
-        """The operator's word ends the stream in this very step."""
+        """Stop sending setpoints in the same step in which a takeover is detected."""
         takeover = self._authority.watch_takeover()
         if self._authority.rebooted:
             self.tracker.estimator.reset()
@@ -222,7 +226,7 @@ class Pilot:
         self.session.drop_mode_requests()
         self.controller.disengage()
         self.tracker.ranging.sender_stays = False
-        if self.mission.outcome is not None:  # we were leaving: this is the exit action taking effect
+        if self.mission.outcome is not None:  # in LEAVING, the change of mode is the exit action taking effect
             return
         what, reason = takeover
         self._say("yield", what, severity=MAV_SEVERITY_WARNING)
@@ -230,7 +234,7 @@ class Pilot:
             self._finish(Outcome(Ending.ABORTED, reason), now)
 
     def _watch_bounds(self, estimate: RangeEstimate | None, now: float) -> None:
-        """The mission's own limits while we steer, and another companion of our ids at any time."""
+        """End the flight if a bound is violated while steering, or if another companion uses our MAVLink ids."""
         session = self.session
         if session.doubled:
             ids = f"{session.encoder.system}/{self.settings.link.component_id}"
@@ -248,11 +252,11 @@ class Pilot:
             self._finish(Outcome(Ending.ABORTED, broken), now)
 
     def _watch_following(self, now: float) -> None:
-        """End the flight of a vehicle that does not follow turn commands for too long."""
+        """End the flight if the vehicle does not follow turn commands for too long."""
         session, turns, most = self.session, self.controller.turns, self.settings.timing.unfollowed
-        # A vehicle that does not receive us cannot follow, and goes on by its own time-out: that is an outage of the
-        # link, which the flight survives. Without answers to TIMESYNC nothing is judged, and all begins anew after it:
-        # a plane that flies straight back from where it was carried would show for long that it follows again.
+        # A vehicle that does not receive setpoints cannot follow them. This is an outage of the link, which the flight
+        # survives: do not judge the turns without answers to TIMESYNC, and start again after the outage. A plane that
+        # flies straight back to the circle then needs time to show that it follows again.
         if not session.timesync.answered(now):
             self._unanswered_at = now
         if now - self._unanswered_at < RECEIVES_AFTER:
@@ -282,7 +286,7 @@ class Pilot:
         self.mission.engage(now)
         self.tracker.ranging.sender_stays = self.flies
         self.session.identity.stays |= self.flies
-        if self.flies:  # a dry run may begin on the ground, far from the height that is told
+        if self.flies:  # a dry run may begin on the ground, far from the mission's height
             self.tracker.height.engage()
         self.session.drop_mode_requests()
         self._say("engage", f"{'engaged' if self.flies else 'dry run'}, {self.controller.circle.label}")
@@ -297,7 +301,7 @@ class Pilot:
     # --- the setpoint
 
     def _setpoint(self, command: TurnCommand | None, now: float) -> tuple[Message | None, YawRate | None]:
-        """The setpoint message of this step, if any, and the yaw rate in it where it steers."""
+        """Return the setpoint message of this step, or None, and its yaw rate if it steers, or None."""
         allowed = self._authority.allowed(now)
         try:
             if self.mission.phase is Phase.LEAVING:
@@ -312,7 +316,7 @@ class Pilot:
         return None, None
 
     def _leave(self, allowed: Allowed, now: float) -> Message | None:
-        """The safe setpoint until the exit action shows in the vehicle's mode, or some times over; then silence."""
+        """Return the safe setpoint until the exit action is confirmed or has failed, then None."""
         mission, exit_action = self.mission, self._exit_action
         if allowed is Allowed.NOTHING:
             ours = self.flies and self._authority.may_be_ours(now)
@@ -326,8 +330,8 @@ class Pilot:
         return None if allowed is Allowed.NOTHING else self.controller.safe_setpoint(self.session, now)
 
     def last_words(self, now: float) -> bytes:
-        """The safe setpoint, and the exit action asked for once, for the shell to send when the pilot itself has
-        failed; empty if not ours to fly."""
+        """Return the safe setpoint and a request of the exit action, to be sent after the pilot itself has failed.
+        Return no bytes if the vehicle is not under our control."""
         if not self._authority.may_say_last_words():
             return b""
         words = [self.controller.safe_setpoint(self.session, now)]
@@ -335,10 +339,10 @@ class Pilot:
             words += self._exit_action.at_once(self.session)
         return b"".join(map(self.session.encode, words))
 
-    # --- everything else that is sent
+    # --- other frames sent
 
     def _housekeeping(self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float) -> list[Message]:
-        """Heartbeat, commands, streams, texts and plot values; the farewell at the end."""
+        """Return heartbeat, commands, stream requests, texts and plot values, and the farewell at the end."""
         plots = self.session.announcer.plots(plot_values(self.controller.circle, estimate, command), now)
         if self.settings.output_mode is OutputMode.SHADOW:
             return self.session.heartbeats_due(now) + plots
@@ -348,11 +352,11 @@ class Pilot:
         return self.session.poll(now) + plots + (self.session.farewell() if self.done else [])
 
     def hello(self, now: float) -> bytes:
-        """What goes out on a separate ranging link."""
+        """Return the frames for a separate ranging link."""
         return b"" if self.done else self.connection.hello(now)
 
     def _watch_conditions(self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float) -> None:
-        """Bring the table of conditions up to date, and what it is made of."""
+        """Update the table of conditions and its inputs."""
         tracker, controller = self.tracker, self.controller
         self.drift_alarm = watch_drift(self.drift_alarm, estimate, controller.orbit, controller.most_turn)
         if command is not None and command.flies:
@@ -366,21 +370,21 @@ class Pilot:
         self.rates.take(now, counts, steering=self.mission.steering)
         self.conditions.update(now)
 
-    # --- what is known of it ----------------------------------------------------------------------------------------
+    # --- state for display and recording ----------------------------------------------------------------------------
 
     @property
     def done(self) -> bool:
-        """Whether the mission is over and nothing more will be sent."""
+        """True if the mission is over and nothing more will be sent."""
         return self.mission.phase is Phase.ENDED
 
     @property
     def own(self) -> OwnMotion | None:
-        """The newest motion through the air, None before an attitude was received."""
+        """Newest motion through the air, or None before an attitude was received."""
         return self.path.own
 
     @property
     def believed(self) -> str:
-        """Who is believed to be the vehicle and its radio, and from where, for people; empty while nobody is."""
+        """Trusted senders (vehicle and radio) with their addresses, human-readable, or an empty string."""
         peer, radio = self.session.peer, self.tracker.ranging.trusted
         if peer is None or radio is None:
             return str(peer or "")
@@ -388,15 +392,15 @@ class Pilot:
         return f"{peer}, ranges of {radio if apart else f'{radio.system}/{radio.component}'}"
 
     def frames_refused(self) -> Counter[str]:
-        """Frames that were not believed on any link, by what was wrong with their signature."""
+        """Return the number of frames rejected on all links, by the fault of their signature."""
         return sum((counts.refused for counts in self.connection.counts.values()), Counter())
 
     def take_records(self) -> list[TickRecord]:
-        """Return the ticks since the last call."""
+        """Return the records of the steps since the last call."""
         records, self._records = self._records, []
         return records
 
     def take_frames(self) -> list[bytes]:
-        """The whole frames that came in since the last call, on any link."""
+        """Return the complete frames received on all links since the last call."""
         frames, self._frames = self._frames, []
         return frames

@@ -1,4 +1,4 @@
-"""The range to the target: ranging messages in, an estimate out."""
+"""Range to the target: ranging messages in, an estimate out."""
 
 from collections import deque
 from collections.abc import Hashable
@@ -19,28 +19,27 @@ from circnav_mav.pilot.height import Height
 from circnav_mav.pilot.settings import PilotSettings
 
 FRESH = 0.6
-"""Share of `stale` that a range's age must be below to steer again at once after ranges were stale."""
+"""Age of a range, as a share of `stale`, below which steering resumes at once after ranges were stale."""
 CALM = 1.0
-"""Time, s, for which ranges must not have been stale to steer again otherwise: a radio whose ranges come at an age near
-`stale` would else start and stop steering with each of them."""
+"""Time, s, without stale ranges after which steering resumes otherwise. If the ages of all ranges were near `stale`,
+steering would else start and stop with each range."""
 THINNED = 0.75
-"""Least time between two ranges that the estimator takes, in ticks: ranges in between are merged. Each range that it
-takes is answered with a setpoint, and costs 1 to 2 ms of the processor."""
+"""Least time between two ranges added to the estimator, in ticks. Ranges in between are merged. Each added range causes
+a setpoint and takes 1 to 2 ms of processor time."""
 MOST_MERGED = 1000
-"""Ranges that are merged to one at most."""
+"""Most ranges merged to one."""
 MOST_AT_ONCE = 64
-"""Ranges that one datagram of a slow link may hold."""
+"""Ranges kept: as many as one datagram of a slow link may hold."""
 JUMP = 0.5
-"""Jump of the range, as a share of the radius, from which on it is none of this vehicle and its target: noise of such a
-size is rejected, too."""
+"""Smallest jump of the range, as a share of the radius, that is rejected. Noise of this size is rejected, too."""
 CLOSING = 2.0
-"""Fastest change of the range, in speeds V: wind and target add to the vehicle's own."""
+"""Largest change of the range per time, in units of V: wind and target motion add to the vehicle's speed."""
 JUMPED_FOR = 1.0
-"""Time, s, after which ranges that have jumped are shown: an outlier is shorter."""
+"""Time, s, after which a jump of the ranges is reported. Outliers are shorter."""
 
 
 class RangeTracker:
-    """Reads ranges and keeps the estimator. `fresh`: a range came in that no step has answered yet."""
+    """Reads ranges and updates the estimator. fresh: True if a range was added since the newest step."""
 
     def __init__(self, settings: PilotSettings, session: Session) -> None:
         self._session = session
@@ -57,16 +56,19 @@ class RangeTracker:
         self.jumps = JumpGate(speed, JUMP * settings.orbit.radius)
         self.newest: RangeSample | None = None
         self.recent: deque[RangeSample] = deque(maxlen=MOST_AT_ONCE)
-        """The newest ones that were taken."""
+        """Newest ranges added to the estimator."""
         self.newest_rate: RateSample | None = None
         self.fresh = False
         self.accepted = 0
         self._stale_at = float("-inf")
 
     def receive(self, message: Message, now: float, source: Hashable, *, stalled: bool, begun: bool) -> bool:
-        """Take in what may be a range; tells whether the estimator took it. source: where it came from. stalled: we
-        slept, its age is not known. begun: whether the vehicle was engaged: before, a slow link has its own bound, and
-        is waited for."""
+        """Process a message that may be a range. Return True if the estimator accepted it.
+
+        source: address of the sender. stalled: True if the message may date from a gap between steps, so that its age
+        is unknown. begun: True after the first engagement. Before it, the delay of a slow link does not reject ranges,
+        because the engagement waits for a shorter round trip.
+        """
         height, identity = self.height.at(now), self._session.identity
         peer = None if self._apart else identity.peer
         if self.rates.carries(message):
@@ -115,10 +117,9 @@ class RangeTracker:
         return True
 
     def _reference(self) -> RangeSample | None:
-        """Return the newest range that counted, with the median of the newest three; None unless steering.
+        """Return the newest accepted range with the median of the newest three as its value, or None unless steering.
 
-        One of the three may be an outlier. After an outage the ranges from before it do not count: the vehicle has
-        flown on, and the first range after it would be compared with where the vehicle was.
+        One of the three may be an outlier. Ranges from before an outage are not used: the vehicle has moved since.
         """
         if not self.ranging.moving or self.newest is None:
             return None
@@ -127,17 +128,20 @@ class RangeTracker:
 
     @property
     def one_way(self) -> float:
-        """Least time, s, that ranges are under way on the vehicle's link; 0 for a link of their own."""
+        """Least delay of ranges on the vehicle's link, s, or 0 on a separate ranging link."""
         return 0.0 if self._apart else self._session.timesync.one_way
 
     def measured_rate(self, now: float) -> float | None:
-        """The newest range rate that counted, m/s; None where none counts now."""
+        """Return the newest accepted range rate, m/s, or None if it is too old."""
         rate = self.newest_rate
         return None if rate is None or now - rate.time > self._stale + SAME_TIME else rate.r_dot
 
     def good(self, estimate: RangeEstimate | None, now: float, *, holding: bool) -> bool:
-        """Whether an estimate of now may steer: ready, and of a range that is not stale. holding: whether steering was
-        given up; then the range must be clearly fresh, or ranges must not have been stale for a while."""
+        """True if the current estimate may steer: the estimator is ready and the newest range is not stale.
+
+        holding: True while steering is suspended. To resume, the range must be clearly fresh, or no range may have been
+        stale for a while.
+        """
         age = self.age(now)
         if age is None or age > self._stale + SAME_TIME:
             self._stale_at = now
@@ -146,16 +150,16 @@ class RangeTracker:
         return self.estimator.ready and estimate is not None and fresh and self.ranging.one_source(now)
 
     def age(self, now: float) -> float | None:
-        """Seconds since the newest range was measured."""
+        """Return the time since the newest range was measured, s, or None without a range."""
         return None if self.newest is None else now - self.newest.time
 
 
 class JumpGate:
-    """Rejects ranges that jump farther than the vehicle can have flown, for as long as they go on from there.
+    """Rejects ranges that jump farther than the vehicle can have flown, and those that continue from there.
 
-    The estimator takes a series of such ranges for the truth after a second. A radio that changes its unit, ranges to
-    another anchor or stands at its limit sends such a series; the vehicle would follow it off its circle. Rejected, it
-    is a loss of ranges: the circle's turn is held until they jump back, or the flight ends.
+    A radio sends such a series if it changes its unit, ranges to another anchor or reaches its limit. The estimator
+    would accept the series after a second, and the vehicle would follow it off its circle. Rejected, it is a loss of
+    ranges: the circle's turn rate is held until the ranges jump back or the flight ends.
     """
 
     def __init__(self, speed: float, least: float) -> None:
@@ -167,16 +171,16 @@ class JumpGate:
 
     @property
     def found(self) -> float:
-        """The jump after which ranges have been rejected for a while, m; 0 for none."""
+        """Jump since which ranges have been rejected for longer than JUMPED_FOR, m, or 0."""
         first, newest = self._first, self._newest
         lasts = first is not None and newest is not None and newest.time - first.time >= JUMPED_FOR
         return self._by if lasts else 0.0
 
     def rejects(self, sample: RangeSample, accepted: RangeSample | None) -> bool:
-        """True if a range is to be rejected. accepted: the newest that was not; None if none counts for this."""
+        """Return True if a range is rejected. accepted: newest accepted range to compare with, or None."""
         before = self._newest
-        # What the vehicle can have flown grows with time, until it covers the jump. It does not count while ranges go
-        # on from one that was rejected.
+        # The distance that the vehicle can have flown grows with time until it covers the jump. While ranges continue
+        # from a rejected one, this does not make them acceptable.
         goes_on = before is not None and self._gap(sample, before) <= self._least / 2
         if (
             accepted is None
@@ -190,13 +194,13 @@ class JumpGate:
         return True
 
     def _gap(self, sample: RangeSample, before: RangeSample) -> float:
-        """By how much two ranges differ more than the vehicle can have flown in between, m."""
+        """Return the difference of two ranges beyond the distance that the vehicle can have flown in between, m."""
         return abs(sample.r - before.r) - self._speed * max(sample.time - before.time, 0.0)
 
 
 class Thinning:
-    """Merges ranges that come faster than the estimator and the vehicle need them. A range that comes a period after
-    the last one passes unchanged and at once."""
+    """Merges ranges that arrive faster than estimator and vehicle need them. A range that arrives a period or more
+    after the last one passes unchanged and without delay."""
 
     def __init__(self, period: float) -> None:
         """period: least time between two ranges that pass, s."""
@@ -205,26 +209,26 @@ class Thinning:
         self._held: list[RangeSample] = []
 
     def reset(self) -> None:
-        """Drop what is held: the sensor's clock is another one."""
+        """Drop the held ranges, because the sensor's clock has changed."""
         self._held, self._passed_at = [], float("-inf")
 
     def take(self, sample: RangeSample) -> tuple[RangeSample, int] | None:
-        """Return the range to use now and how many it stands for; None while they are held.
+        """Return the merged range and the number of its ranges, or None while ranges are held.
 
-        Periods are counted in the time of measurement: a link that delivers several ranges of a slow radio at once
-        delays them, and does not make them one measurement.
+        Periods are counted by the times of measurement, so that ranges of a slow radio remain separate if a link
+        delivers several at once.
         """
         self._held.append(sample)
         if 0 <= sample.time - self._passed_at < self.period - SAME_TIME and len(self._held) < MOST_MERGED:
             return None
-        # what was held when the radio fell silent is of another moment
+        # drop ranges held since before a silence of the radio
         held = [one for one in self._held if sample.time - one.time <= self.period]
         count, self._held, self._passed_at = len(self._held), [], sample.time
         if len(held) == 1:
             return sample, count
-        # The median, so that an outlier, which the estimator's gate cannot see any more, does not move the others; and
-        # halfway between first and last, because the range goes on changing meanwhile. A median of n scatters by
-        # sqrt(pi/2n).
+        # The median rejects outliers, which the estimator's gate cannot detect after merging. Its time is halfway
+        # between first and last, because the range changes in between. The standard deviation of a median of n is
+        # sqrt(pi/2n) sigma.
         first, r = held[0], median(one.r for one in held)
         sigma = median(one.sigma for one in held) * min(sqrt(pi / 2 / len(held)), 1.0)
         stamp, time = (first.stamp + sample.stamp) / 2, (first.time + sample.time) / 2

@@ -4,11 +4,11 @@ from collections import deque
 from typing import NamedTuple
 
 RATE_SPAN = 3.0
-"""Time, s, over which rates are taken. Alarms that go by rates wait until so much is known."""
+"""Time, s, over which rates are averaged. Alarms based on rates wait for this time."""
 
 
 class Rates(NamedTuple):
-    """Frames received, ranges taken, ranges rejected for no reason that is shown otherwise, and setpoints sent, per
+    """Frames received, ranges accepted, ranges rejected without an alarm of their own, and setpoints sent, per
     second."""
 
     frames: float
@@ -18,15 +18,15 @@ class Rates(NamedTuple):
 
     @property
     def ranges(self) -> float:
-        """Ranges taken or rejected, per second."""
+        """Ranges accepted or rejected, per second."""
         return self.taken + self.refused
 
 
 class RateMeter:
-    """Turns counts into rates.
+    """Converts counts to rates.
 
-    newest: rates since the oldest count kept, None before the second count. whole: the same once they cover
-    `RATE_SPAN`. while_steering: the same once the vehicle was steered for so long.
+    newest: rates since the oldest count kept, None before the second count. whole: the same, None until they cover
+    `RATE_SPAN`. while_steering: the same, None until the vehicle was steered for `RATE_SPAN`.
     """
 
     def __init__(self) -> None:
@@ -37,7 +37,7 @@ class RateMeter:
         self._steered_since: float | None = None
 
     def take(self, now: float, counts: Rates, *, steering: bool) -> None:
-        """Take in the counts of now."""
+        """Add the current counts."""
         kept = self._counts
         kept.append((now, counts))
         while len(kept) > 2 and now - kept[1][0] >= RATE_SPAN:

@@ -1,4 +1,4 @@
-"""A step in numbers: its record, and the values that a ground station plots."""
+"""Record of a step, and the values that a ground station plots."""
 
 from math import isfinite
 from typing import NamedTuple
@@ -15,18 +15,20 @@ _WOULD = {Phase.ENGAGED: "would steer", Phase.HOLDING: "would hold"}
 
 
 def phase_name(phase: Phase, output_mode: OutputMode) -> str:
-    """The phase for people: one that sends no setpoints would only steer."""
+    """Return the human-readable phase: "would steer" instead of "engaged" if no setpoints are sent."""
     return phase.value if output_mode is OutputMode.FLY else _WOULD.get(phase, phase.value)
 
 
 class TickRecord(NamedTuple):
-    """One tick, for the log and the display. Rates are the paper's (counter-clockwise positive) except yaw_rate_sent,
-    which is MAVLink's. turn_gain, turn_delay (s), gain_share: how the vehicle answers turn commands, and what is left
-    of the gains once the command was found swinging. law, x .. airspeed_scale: which law flies, and the relative motion
-    where an estimator tells it (vehicle minus target, m; wind minus target velocity, m/s; paper's frame). felt: how far
-    that goes by measured accelerations, 0 .. 1. height: above the target, m, by which slant ranges are made horizontal.
-    measured_rate: newest range rate of the radio that counts, m/s. desired: radius of the circle flown
-    now, m. None stands for "not known" or "not sent"."""
+    """One step, for the log and the display. None means "unknown" or "not sent".
+
+    Turn rates are the paper's (counterclockwise positive) except yaw_rate_sent, which is MAVLink's. turn_gain,
+    turn_delay (s): response of the vehicle to turn commands. gain_share: share of the gains left after an oscillation.
+    law: law in use. x to airspeed_scale: relative motion if estimated (vehicle minus target, m; wind minus target
+    velocity, m/s; paper's frame). felt: weight of the measured accelerations in it, 0 to 1. height: above the target,
+    m, used to convert slant ranges. measured_rate: newest accepted range rate of the radio, m/s. desired: radius of the
+    circle flown now, m.
+    """
 
     time: float
     phase: Phase
@@ -64,7 +66,7 @@ class TickRecord(NamedTuple):
 
 
 def plot_values(orbit: Orbit, estimate: RangeEstimate | None, command: TurnCommand | None) -> dict[str, float]:
-    """NAMED_VALUE_FLOAT names and values: range, range rate, error, yaw rate (clockwise positive)."""
+    """Return NAMED_VALUE_FLOAT names and values: range, range rate, error, yaw rate (clockwise positive)."""
     if estimate is None:
         return {}
     yaw_rate = yaw_rate_from_turn_rate(command.turn_rate) if command else 0.0
@@ -77,7 +79,7 @@ def tick_record(
     now: float, phase: Phase, estimate: RangeEstimate | None, command: TurnCommand | None, sent: YawRate | None, *,
     desired: float, session: Session, tracker: RangeTracker, controller: Controller, law: str,
 ) -> TickRecord:  # fmt: skip
-    """Return a step in numbers. sent: yaw rate in its setpoint, None for none. desired: radius, m. law: of the
+    """Return the record of a step. sent: yaw rate in its setpoint, or None. desired: radius, m. law: law of the
     mission."""
     link_age, motion, newest = session.heartbeat_age(now), session.motion.at(now), tracker.newest
     where = estimate.relative if estimate and estimate.relative and estimate.relative.trusted else None

@@ -1,4 +1,4 @@
-"""Evidence that another program steers the vehicle, too."""
+"""Evidence that another program also steers the vehicle."""
 
 from math import degrees
 
@@ -9,29 +9,29 @@ from circnav_mav.pilot.echo_watch import EchoWatch
 from circnav_mav.pilot.mission_state import MissionState
 
 UPLINK_SILENT = 3.0
-"""Time without an answer to TIMESYNC, s, after which the vehicle may have received no setpoint, and flies its own."""
+"""Time without an answer to TIMESYNC, s, after which the vehicle may receive no setpoints and fly its own."""
 
 
 class SecondController:
-    """Compares the setpoints that the vehicle reports, and the commands that it answers, with those sent."""
+    """Compares the setpoints that the vehicle reports, and the commands that it acknowledges, with those sent."""
 
     def __init__(self, session: Session, mission: MissionState) -> None:
         self._session, self._mission, self._echo = session, mission, EchoWatch()
 
     def sent(self, message: Message, now: float) -> None:
-        """Note a setpoint that leaves now."""
+        """Record a setpoint that is sent now."""
         if (turn := turn_in(message)) is not None:
             self._echo.sent(turn, now)
 
     def receive(self, message: Message, now: float) -> None:
-        """Take in a message of the vehicle. While TIMESYNC is not answered, the vehicle may not receive our setpoints
-        and fly one of its own."""
+        """Process a message of the vehicle. Its reports are ignored while TIMESYNC is not answered: it may then receive
+        no setpoints and fly its own."""
         adapter, timesync = self._session.adapter, self._session.timesync
         if message.get_msgId() == adapter.echo and not timesync.silent(now, UPLINK_SILENT):
             self._echo.reported(turn_in(message), now, timesync.worst or 0.0, limited=adapter.banks)
 
     def evidence(self, now: float) -> str:
-        """Return how it shows that another program steers the vehicle, human-readable; empty if nothing shows it."""
+        """Return the evidence that another program steers the vehicle, human-readable, or an empty string."""
         if self._session.commands.answered_unasked(now):
             return "the vehicle answers commands in our name that we did not send"
         if not self._mission.steering or (turns := self._echo.other(now)) is None:

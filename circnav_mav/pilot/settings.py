@@ -1,4 +1,4 @@
-"""What a pilot is told before the flight."""
+"""Settings of a pilot, fixed before the flight."""
 
 from dataclasses import dataclass, field
 from enum import Enum
@@ -15,11 +15,12 @@ from circnav_mav.mav.ranging.interface import RangingSettings
 from circnav_mav.pilot.mission_state import Timing
 
 VEHICLE, RANGING = LINKS = ("vehicle", "ranging")
-"""The links: to the vehicle, and to a ranging radio that has an endpoint of its own."""
+"""Links: to the vehicle, and to a ranging radio with a separate endpoint."""
 
 
 class OutputMode(Enum):
-    """What a pilot may send. FLY: all. DRY_RUN: no setpoint and no mode. SHADOW: heartbeat and plot values only."""
+    """Messages that a pilot may send. FLY: all. DRY_RUN: all but setpoints and mode requests. SHADOW: heartbeats and
+    plot values only."""
 
     FLY = "fly"
     DRY_RUN = "dry run"
@@ -28,8 +29,11 @@ class OutputMode(Enum):
 
 @dataclass(frozen=True, slots=True)
 class HeightSettings:
-    """What the mission says of the height, at most one of them, m. above_target: of the vehicle above the target when
-    guidance engages. target_altitude: of the target above sea level. target_above_home: of the target above home."""
+    """Height in the mission, m. At most one value is given.
+
+    above_target: height of the vehicle above the target at the engagement. target_altitude: altitude of the target
+    above sea level. target_above_home: height of the target above home.
+    """
 
     above_target: float | None = None
     target_altitude: float | None = None
@@ -37,23 +41,23 @@ class HeightSettings:
 
     @property
     def needs_altitude(self) -> bool:
-        """Whether nothing is known of the height before the vehicle reports its altitude."""
+        """True if the height is unknown until the vehicle reports its altitude."""
         return self.target_altitude is not None or self.target_above_home is not None
 
 
 @dataclass(frozen=True, slots=True)
 class PilotSettings:
-    """A mission, in SI units and radians, as the pilot needs it.
+    """Settings of a mission, in SI units and radians.
 
-    autopilot, kind: keys of the adapter table ("auto", None: whatever is heard). turn_gain: realised over commanded
-    turn rate when it is known, None to learn it in flight. turn_lag: of the vehicle, s. radius_trim: rate of the radius
-    integral, 1/s. request_mode: ask for the guided mode (else wait for the operator to enter it). end_on_takeover:
-    whether the operator's leaving the mode ends the mission (else it waits to be given the vehicle again). exit: name
-    of the exit action, None for the autopilot's default. ranging_apart: ranging comes on a link of its own.
-    stream_links: links that are byte streams (TCP, serial), not datagrams. unsigned_links: those on which unsigned
-    frames are believed even where there is a signing key. height: what is said of it, above the target. later_radii:
-    of the circles after the first, m. tuning: the law on any circle. circle_limits: of a change of the circle.
-    unsigned_parameters: accept PARAM_SET on a link that is not signed.
+    autopilot, kind: keys of the adapter table ("auto", None: as received). turn_gain: ratio of realized to commanded
+    turn rate, None to learn it in flight. turn_lag: delay of the vehicle's turn, s. radius_trim: rate of the radius
+    integral, 1/s. request_mode: request the guided mode (else wait until the operator enters it). end_on_takeover: a
+    takeover ends the mission (else it waits until the operator returns the vehicle). exit: name of the exit action,
+    None for the autopilot's default. ranging_apart: the radio has a separate link. stream_links: links that are byte
+    streams (TCP, serial), not datagrams. unsigned_links: links on which unsigned frames are accepted despite a signing
+    key. height: height above the target. later_radii: radii of the circles after the first, m. tuning: the law on any
+    circle. circle_limits: limits of a change of the circle. unsigned_parameters: accept PARAM_SET on a link that is not
+    signed.
     """
 
     orbit: Orbit
@@ -85,5 +89,5 @@ class PilotSettings:
 
     @property
     def circles(self) -> str:
-        """All circles, for people."""
+        """All circles, human-readable."""
         return self.orbit.words(*self.later_radii)

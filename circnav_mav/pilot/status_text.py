@@ -1,4 +1,4 @@
-"""What a mission waits for and for how long, and why it ends, in words for people."""
+"""Human-readable texts: conditions that a mission waits for, and reasons why it ends."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ _NEEDS = {"auto": "", "kalman": "", "measured": "; it needs the measured range r
 
 @dataclass(frozen=True)
 class StatusText:
-    """Words for what a pilot's parts know."""
+    """Texts about the state of a pilot's parts."""
 
     settings: PilotSettings
     connection: Connection
@@ -24,7 +24,7 @@ class StatusText:
     tracker: RangeTracker
 
     def waits_for(self, now: float) -> str:
-        """What the vehicle is not steered for now; empty where nothing is missing."""
+        """Return the reason why the vehicle is not steered now, or an empty string."""
         phase = self.mission.phase
         if phase is Phase.WAIT_LINK:
             rejected = self.connection.session.identity.rivals.recent(now) if self.mission.begun else ()
@@ -34,7 +34,7 @@ class StatusText:
         return self.authority.obstacle(now) if phase in (Phase.READY, Phase.YIELDED) else ""
 
     def overdue(self, now: float) -> Outcome | None:
-        """How the mission ends now that one of its times is up, its own length or its patience; None: none is."""
+        """Return the outcome if the duration or a time limit of the mission has passed, else None."""
         mission, timing, waited = self.mission, self.settings.timing, now - self.mission.since
         if mission.engaged_at is not None and now - mission.engaged_at >= timing.duration:
             if mission.steering:
@@ -53,10 +53,10 @@ class StatusText:
             return Outcome(Ending.NOTHING_HEARD, self._not_ready(now))
         return None
 
-    # --- what is missing --------------------------------------------------------------------------------------------
+    # --- missing data -----------------------------------------------------------------------------------------------
 
     def _no_vehicle(self) -> str:
-        """Nobody that the mission means has been heard."""
+        """Return a text about why no vehicle of the mission was found."""
         session = self.connection.session
         if session.up and session.vehicle.unproven:
             return "not known whether this is the same vehicle: no boot time yet (ATTITUDE, SYSTEM_TIME)"
@@ -65,7 +65,7 @@ class StatusText:
         return f"no autopilot heartbeat, {self.connection.counts[VEHICLE].describe()}"
 
     def _not_ready(self, now: float) -> str:
-        """What is missing of ranging, or of what the vehicle must tell."""
+        """Return a text about missing ranging or missing required telemetry."""
         tracker, missing = self.tracker, unreported(self.connection.session, now)
         if not missing and (unknown := tracker.height.why_unknown(now)):
             return unknown
@@ -87,10 +87,10 @@ class StatusText:
         words = f"rejected: {describe_rejected(rejected)}; {heard}{denied(self.connection.session)}{others}"
         return f"no ranging: no usable {wanted.type}, {words}"
 
-    # --- what has gone ----------------------------------------------------------------------------------------------
+    # --- lost data --------------------------------------------------------------------------------------------------
 
     def _why_held(self, now: float) -> str:
-        """Why the ranges of so many seconds could not be steered by."""
+        """Return the reason why no range could be used while holding."""
         tracker, waited, age = self.tracker, now - self.mission.since, self.tracker.age(now)
         if tracker.estimator.ready and age is not None and FRESH * self.settings.timing.stale < age < waited:
             return f"no fresh range for {waited:.1f} s, the newest is {age:.2f} s old"
@@ -103,7 +103,7 @@ class StatusText:
         return f"no range for {waited:.1f} s"
 
     def _what_is_gone(self, now: float) -> str:
-        """Which silence a flight that runs out of time waits in."""
+        """Return a text about the lost data that a flight waits for when its time ends, or an empty string."""
         if self.mission.phase is Phase.WAIT_LINK:
             return f", no heartbeat for {self.connection.session.heartbeat_age(now):.0f} s"
         age = self.tracker.age(now) if self.mission.phase is Phase.WAIT_RANGING else None

@@ -1,8 +1,8 @@
-"""Listens to the vehicle and the ranging before a flight, and sends nothing that could move anything.
+"""Preflight listener: receives vehicle and ranging data before a flight, and sends nothing that could move the vehicle.
 
-Not a silenced pilot: a pilot engages, ends and tells the ground station so, even in a dry run. A survey has no
-controller at all. It sends what a flight needs in order to hear the same (our heartbeat, stream requests), and asks
-(AUTOPILOT_VERSION, TIMESYNC, PARAM_REQUEST_READ).
+A pilot engages, ends and reports this to the ground station, even in a dry run. The listener has no controller at all.
+To receive the same data as a flight, it sends our heartbeat and stream requests. It also requests AUTOPILOT_VERSION,
+TIMESYNC and parameters (PARAM_REQUEST_READ).
 """
 
 from collections import Counter, defaultdict
@@ -24,16 +24,17 @@ from circnav_mav.pilot.height import Height
 from circnav_mav.pilot.settings import VEHICLE, PilotSettings
 
 TICK = 0.05
-"""Time, s, between two steps of a survey: that of a flight."""
+"""Time between two steps, s, as in a flight."""
 SETTLE = 2.0
-"""Time, s, that the streams get to come up after the vehicle was found, before anything is measured."""
+"""Time, s, for the streams to start after the vehicle was found, before anything is measured."""
 PARAMETER_PATIENCE = 10.0
-"""Time, s, that slow answers about parameters may take beyond the time to listen."""
+"""Longest extra wait, s, for parameters after the listening time."""
 
 
 @dataclass(frozen=True, slots=True)
 class RangeHeard:
-    """One accepted range. stamp: sensor's clock, s. time: the same moment on ours. arrival: ours. r: slant, m."""
+    """One accepted range. stamp: sensor's clock, s. time: same time on our clock, s. arrival: our clock, s. r: slant
+    range, m. sigma: m."""
 
     stamp: float
     time: float
@@ -43,11 +44,11 @@ class RangeHeard:
 
 
 class Survey:
-    """A sans-I/O listener: `receive` bytes, send what `step` answers, until `done`. All that it has heard stands in its
-    attributes then, to be judged."""
+    """Preflight listener without I/O: `receive` bytes and send the bytes that `step` returns, until `done`. Its
+    attributes then hold the received data."""
 
     def __init__(self, settings: PilotSettings, *, seconds: float, signing: Signing | None = None) -> None:
-        """seconds: how long to measure, once the vehicle was found."""
+        """seconds: time of measurement after the vehicle was found, s."""
         self.connection = Connection(settings, signing, also=[dialect.MAVLINK_MSG_ID_PARAM_VALUE])
         self.session = self.connection.session
         self.done, self.next_tick = False, float("-inf")
@@ -61,25 +62,25 @@ class Survey:
         self.rates: list[float] = []
         """Range rates, m/s."""
         self.carriers: Counter[str] = Counter()
-        """Ranging messages by sender and marks."""
+        """Number of ranging messages by sender and marks."""
         self.height = Height(settings.height)
         self.kind = ""
-        """The vehicle's autopilot and type, in words."""
+        """Autopilot and type of the vehicle, human-readable."""
         self.airspeed: float | None = None
-        """As in VFR_HUD, NaN included, None without VFR_HUD."""
+        """Airspeed of VFR_HUD, m/s, may be NaN. None without VFR_HUD."""
         self.texts: dict[str, None] = {}
         self.end = 0.0
-        """When the listening ended, s."""
+        """Time when the listening ended, s."""
         self._parameters: ParameterReader | None = None
         self._began: float | None = None
         self._found: float | None = None
         self._counted: Counter[int] = Counter()
         self._boots: defaultdict[int, list[Moment]] = defaultdict(list)
-        """Of each start of the vehicle."""
+        """Boot times by number of reboots seen."""
         self._text_reader = TextReader()
 
     def receive(self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE) -> None:
-        """Take in one datagram (or chunk of a stream) that arrived at `now` from `source` on a link."""
+        """Process a datagram (or chunk of a stream) that arrived at `now` from `source` on a link."""
         for message, of_vehicle, of_ranging in self.connection.receive(data, now, source, link):
             if of_vehicle:
                 self._take_telemetry(message, now)
@@ -87,7 +88,7 @@ class Survey:
                 self._take_range(message, now, source)
 
     def step(self, now: float) -> bytes:
-        """What to send to the vehicle now."""
+        """Return the bytes to send to the vehicle now."""
         if self.done or now < self.next_tick:
             return b""
         self.next_tick = now + TICK
@@ -101,33 +102,33 @@ class Survey:
         return b"".join(map(self.session.encode, messages))
 
     def hello(self, now: float) -> bytes:
-        """What goes out on a separate ranging link."""
+        """Return the frames for a separate ranging link."""
         return b"" if self.done else self.connection.hello(now)
 
-    # --- what was heard, once done ----------------------------------------------------------------------------------
+    # --- received data, once done -----------------------------------------------------------------------------------
 
     @property
     def seconds(self) -> float:
-        """How long the settled vehicle was listened to, s."""
+        """Time of measurement, s."""
         return 0.0 if self._found is None else max(self.end - self._found - SETTLE, 0.0)
 
     @property
     def streams(self) -> Mapping[int, tuple[float, float]]:
-        """Message id -> (wanted, measured) in Hz."""
+        """Requested and measured rate of each stream, message id -> (requested, measured), Hz."""
         wanted = {**self.session.adapter.firmware.streams, **self.connection.more_streams}
         return {id: (rate, self._counted[id] / max(self.seconds, TICK)) for id, rate in wanted.items()}
 
     @property
     def boot(self) -> Span | None:
-        """(our time, boot time) of an early and a late one, those that came with the least delay."""
+        """(our time, boot time) of an early and a late message, each with the least delay of its time."""
         return quick_span(self._boots[self.session.vehicle.reboots])
 
     @property
     def parameters(self) -> Mapping[str, float]:
-        """Those that the vehicle has told."""
+        """Parameters received from the vehicle."""
         return self._parameters.values if self._parameters else {}
 
-    # --- while it listens -------------------------------------------------------------------------------------------
+    # --- while listening --------------------------------------------------------------------------------------------
 
     def _settled(self, now: float) -> bool:
         return self._found is not None and now - self._found >= SETTLE
@@ -141,7 +142,7 @@ class Survey:
         return now >= (end if answered else end + PARAMETER_PATIENCE)
 
     def _questions(self, now: float) -> list[Message]:
-        """Parameters by name."""
+        """Return the parameter requests that are due."""
         if self._parameters is None:
             adapter, self._found = self.session.adapter, now
             names = [name for rule in adapter.parameters for name, _ in rule.names]
@@ -149,7 +150,7 @@ class Survey:
         return self._parameters.poll(self.session.vehicle_ids, now)
 
     def _take_telemetry(self, message: Message, now: float) -> None:
-        """One message of the pinned vehicle, after the session had it."""
+        """Process a message of the pinned vehicle, after the session."""
         session, type_ = self.session, message.get_type()
         session.motion.receive(message, now)
         self.height.receive(message, session.motion.at(now).altitude, now)

@@ -1,41 +1,42 @@
-"""The time of the next step without a fresh range."""
+"""Time of the next step without a fresh range."""
 
 from collections import deque
 from statistics import median
 
 WAIT = 0.25
-"""Share of a tick for which a range that is expected about then is waited for. A radio of 9.98 Hz would else come just
-after the second tick since its last range, always, and its every range be answered twice."""
+"""Longest wait for an expected range, as a share of a tick. Without it, each range of a 9.98 Hz radio would arrive just
+after a tick and cause a second setpoint at once."""
 AT_ONCE = 1e-5
-"""A range expected within this time, s, of the tick would be here by now, or is lost."""
+"""Difference, s, of expected range and tick below which there is no wait: the range has arrived or is lost."""
 REMEMBERED = 9
-"""Newest gaps between ranges of which the median is taken."""
+"""Number of gaps between ranges in the median."""
 
 
 class TickScheduler:
-    """Keeps when the next step without a fresh range is due: a tick after the last one, but not just before a range."""
+    """Schedules the next step without a fresh range: a tick after the last step, but not just before an expected
+    range."""
 
     def __init__(self, tick: float) -> None:
-        """tick: s."""
+        """tick: period of the steps, s."""
         self._tick = tick
         self._gaps: deque[float] = deque(maxlen=REMEMBERED)
         self._heard_at: float | None = None
         self.due = float("-inf")
 
     def heard(self, now: float) -> None:
-        """A range came in."""
+        """Record the arrival of a range."""
         if self._heard_at is not None:
             self._gaps.append(now - self._heard_at)
         self._heard_at = now
 
     def stepped(self, now: float) -> None:
-        """The pilot took a step."""
+        """Record a step of the pilot, and schedule the next one."""
         due = now + self._tick
         wait = WAIT * self._tick
-        # by the usual time between two
+        # by the median gap between ranges
         expected = due if self._heard_at is None or not self._gaps else self._heard_at + median(self._gaps)
         self.due = expected + wait if AT_ONCE < abs(due - expected) <= wait else due
 
     def at_once(self) -> None:
-        """Something happened that cannot wait for a tick."""
+        """Make the next step due at once."""
         self.due = float("-inf")

@@ -1,11 +1,11 @@
-"""The search of flights that do not know where their target is: guesses all round, until one stands alone.
+"""Acquisition of the target: hypotheses in all directions, until a single one fits the ranges.
 
-A Kalman filter started on a ring of bearings is overconfident: it draws its tangents while the target may still be
-anywhere. So the search keeps the ranges of a window and the air path flown, and improves M guesses of (p, d, kappa) by
-Levenberg-Marquardt, all bins at once, one iteration per bin: whatever the data cannot tell apart stays apart as two
-guesses of equal cost. Source: multi-start nonlinear least squares, Nocedal and Wright (2006), ch. 10.
+Kalman filters started on a ring of bearings are overconfident: each linearizes along its own tangent although the
+target may be in any direction. The search instead keeps a window of ranges and the air path flown. It improves M
+hypotheses of (p, d, kappa) by Levenberg-Marquardt on all bins. Hypotheses that fit the data equally well remain
+separate. Source: multi-start nonlinear least squares, Nocedal and Wright (2006), ch. 10.
 
-Arrays have the axes B flights, M guesses, N bins. Frame and symbols as in `relative_ekf`.
+Arrays have the axes B flights, M hypotheses, N bins. Frame and symbols as in `relative_ekf`.
 """
 
 from dataclasses import dataclass
@@ -20,33 +20,33 @@ from circnav_mav.guidance.maths import Batch
 UNKNOWNS = 5
 """Position (2), drift (2) and airspeed scale."""
 GUESSES = 32
-"""On the ring."""
+"""Initial hypotheses of a search, equally spaced in bearing on a circle with the radius of the first range."""
 MOST_DAMPING, LEAST_DAMPING = 1e6, 1e-4
-"""Bounds of the damping of Levenberg and Marquardt: nearly no step, and nearly Gauss-Newton; chosen."""
+"""Bounds of the Levenberg-Marquardt damping: almost no step, and almost Gauss-Newton; chosen."""
 ROBUST = 4.0
-"""Residuals beyond so many standard deviations count as if at the edge (a Cauchy-like weight)."""
+"""Scale of the robust (Cauchy) weight, in standard deviations: the weight of larger residuals decreases."""
 SWITCH = 0.5
-"""The favourite gives way to a guess that fits better by this log likelihood."""
+"""Advantage in log likelihood that another hypothesis needs to replace the most likely one."""
 ITERATIONS = 2
-"""Of the least squares per bin."""
+"""Least-squares iterations per bin."""
 APART = 0.25
-"""Guesses farther apart than this share of the range are different answers."""
+"""Distance, as a share of the range, above which two hypotheses are different solutions."""
 CONVERGED = 0.12
-"""Bound of the position's standard deviation over the range, for an answer."""
+"""Largest standard deviation of the position, as a share of the range, of an accepted solution."""
 MARGIN = 5.0
-"""How much worse, in log likelihood, every other place must fit."""
+"""Advantage in log likelihood over every other position that an accepted solution needs."""
 MIN_BINS = 8
-"""Before any answer."""
+"""Fewest filled bins before a solution is accepted."""
 DRIFT_MOST = 0.85
-"""Largest drift that makes sense, in V."""
+"""Largest plausible drift, as a share of V."""
 
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """What is known before any range: d = (dx, dy) +- drift (m/s), kappa = scale +- kappa.
+    """Prior before the first range: d = (dx, dy) +- drift (m/s), kappa = scale +- kappa.
 
-    The drift's distribution is heavy-tailed (Cauchy): most targets stand still, and what moves may move fast. A normal
-    one made the guesses of a still target wander off by metres a second for want of a reason not to.
+    The drift has a heavy-tailed (Cauchy) distribution: most targets are stationary, and moving ones may be fast. With a
+    normal distribution, the hypotheses for a stationary target drifted by several m/s.
     """
 
     drift: float
@@ -60,13 +60,13 @@ class Prior:
         return np.array([0.0, 0.0, self.dx, self.dy, self.scale])
 
     def information(self, x: Batch) -> Batch:
-        """Weights of the deviations of guesses x (..., 5) in their least squares."""
+        """Return the least-squares weights of the deviations of hypotheses x (..., 5) from the prior."""
         of_drift = 2 / (self.drift**2 + self._apart(x))
         none = np.zeros_like(of_drift)
         return np.stack([none, none, of_drift, of_drift, none + self.kappa**-2], axis=-1)
 
     def cost(self, x: Batch) -> Batch:
-        """How unlikely guesses x (..., 5) are, minus the logarithm."""
+        """Return the negative log prior of hypotheses x (..., 5)."""
         return np.asarray(np.log1p(self._apart(x) / self.drift**2) + 0.5 * ((x[..., 4] - self.scale) / self.kappa) ** 2)
 
     def _apart(self, x: Batch) -> Batch:
@@ -74,22 +74,22 @@ class Prior:
 
 
 class Guesses(NamedTuple):
-    """M guesses for each of B flights: x (B, M, 5) of p, d, kappa now; cost (B, M) there; damping (B, M)."""
+    """M hypotheses for each of B flights: current p, d, kappa in x (B, M, 5), their cost (B, M) and damping (B, M)."""
 
     x: Batch
     cost: Batch
     damping: Batch
 
     def some(self, of: Batch) -> "Guesses":
-        """Those of some flights."""
+        """Return the hypotheses of the selected flights."""
         return Guesses(*(part[of] for part in self))
 
 
 class RingSearch:
-    """Searches for those of B flights that need one; all flights fill the window all the time."""
+    """Searches of those of B flights that have no solution. The window of ranges is filled for all flights."""
 
     def __init__(self, settings: EstimatorSettings, flights: int, known: Prior | None = None) -> None:
-        """known: what all flights know already of drift and airspeed scale."""
+        """known: prior of drift and airspeed scale, common to all flights."""
         self._settings = settings
         self._window = RangeWindow(flights, settings.speed)
         self._prior, self.remembers = known or self._nothing_known(), known is not None
@@ -99,15 +99,16 @@ class RingSearch:
         self._guessed = np.zeros(flights), np.zeros((2, flights))
 
     def hear(self, dt: Batch, chord: Batch, z: Batch, sigma: Batch, valid: Batch) -> Batch:
-        """Time and path go on, ranges come in where valid; tells whose search it is time to go on with, (B,)."""
+        """Advance time and path, and add the valid ranges. Return True, (B,), for flights with a newly closed bin:
+        their search is due."""
         return self._window.add(dt, chord, z, sigma, valid)
 
     def forget(self) -> None:
-        """Know nothing of the drift from now on."""
+        """Discard the prior of drift and airspeed scale."""
         self._prior, self.remembers = self._nothing_known(), False
 
     def begin(self, at: Batch, r: Batch) -> None:
-        """Start on the rings of ranges r (n,) of the flights `at`."""
+        """Start searches of the flights `at`, on circles with the radii r (n,), m."""
         self._carry()
         self.at = np.concatenate([self.at, at])
         self.favourite = np.concatenate([self.favourite, np.zeros(at.size, int)])
@@ -115,8 +116,11 @@ class RingSearch:
         self._guesses = Guesses(*(np.concatenate(parts) for parts in both))
 
     def go_on(self, due: Batch, sigma: Batch) -> tuple[Batch, Batch, Batch] | None:
-        """Improve the guesses of flights that are due on the window; the answers that became clear leave the search:
-        of which flights (n,), x (5, n) of p, d, kappa, and covariance (5, 5, n)."""
+        """Improve the hypotheses of the flights that are due, and end the searches that have a unique solution.
+
+        Return the numbers of these flights (n,), their solutions x (5, n) of p, d, kappa and covariances (5, 5, n), or
+        None.
+        """
         self._carry()
         of = np.flatnonzero(due[self.at])
         if not of.size:
@@ -131,6 +135,8 @@ class RingSearch:
         better = g.cost[flights, best] < g.cost[flights, self.favourite[of]] - SWITCH
         self.favourite[of] = np.where(better, best, self.favourite[of])
         x, cost = g.x[flights, best], g.cost[flights, best]
+        # Accept a solution if it is precise, its drift is plausible and no hypothesis at another position fits nearly
+        # as well. `scale` (the reduced chi-square) raises covariance and margin if the ranges are noisier than assumed.
         scale = np.maximum(1.0, 2 * cost / np.maximum(filled - UNKNOWNS + 1, 1))
         P = covariance(x[:, None], bins, self._prior)[:, 0] * scale[:, None, None]
         known = np.sqrt(P[:, 0, 0] + P[:, 1, 1]) < CONVERGED * np.hypot(x[:, 0], x[:, 1])
@@ -147,7 +153,8 @@ class RingSearch:
         return at[found], x[found].T, np.moveaxis(P[found], 0, -1)
 
     def favourites(self) -> Batch:
-        """What each search thinks most of, brought to the present, (5, n): a place to try, not to trust."""
+        """Return the most likely hypothesis of each search, predicted to now, (5, n). It is not confirmed: good enough
+        to try, not to trust."""
         then, path = self._guessed
         x = self._guesses.x[np.arange(self.at.size), self.favourite].T
         step = (self._window.path - path)[:, self.at]
@@ -158,7 +165,7 @@ class RingSearch:
         return Prior(self._settings.drift_sigma * self._settings.speed, self._settings.scale_sigma)
 
     def _carry(self) -> None:
-        """Bring the guesses to the present: what they say of the past stays the same."""
+        """Predict the hypotheses to now, along the path flown since."""
         (then, before), g = self._guessed, self._guesses
         self._guessed = self._window.now, self._window.path
         dt, path = (self._window.now - then)[self.at], (self._window.path - before)[:, self.at]
@@ -169,7 +176,7 @@ class RingSearch:
 
 
 def all_round(r: Batch, prior: Prior) -> Guesses:
-    """Guesses in all directions of the ranges r (B,), the rest as known before."""
+    """Return hypotheses in all directions at ranges r (B,), with the prior's drift and airspeed scale."""
     angle = 2 * np.pi * (np.arange(GUESSES) + 0.5) / GUESSES
     x = np.zeros((r.size, GUESSES, UNKNOWNS)) + prior.mean
     x[..., 0], x[..., 1] = r[:, None] * np.cos(angle), r[:, None] * np.sin(angle)
@@ -177,7 +184,8 @@ def all_round(r: Batch, prior: Prior) -> Guesses:
 
 
 def improve(g: Guesses, bins: Bins, prior: Prior) -> Guesses:
-    """One Levenberg-Marquardt iteration of every guess; a step that does not pay is taken back and damped."""
+    """Return the hypotheses after one Levenberg-Marquardt iteration. A step that does not lower the cost is undone, and
+    its damping raised."""
     cost, A, b = _normal_equations(g.x, bins, prior)
     damped = A + (g.damping[..., None, None] * np.einsum("...ii->...i", A)[..., None]) * np.eye(UNKNOWNS)
     x = g.x + np.linalg.solve(damped + 1e-9 * np.eye(UNKNOWNS), b[..., None])[..., 0]
@@ -188,13 +196,13 @@ def improve(g: Guesses, bins: Bins, prior: Prior) -> Guesses:
 
 
 def covariance(x: Batch, bins: Bins, prior: Prior) -> Batch:
-    """Covariance of guesses x (B, M, 5) by the curvature of the cost, (B, M, 5, 5)."""
+    """Return the covariance of hypotheses x (B, M, 5) from the curvature of the cost, (B, M, 5, 5)."""
     A = _normal_equations(x, bins, prior)[1]
     return np.linalg.inv(A + 1e-9 * np.eye(UNKNOWNS))
 
 
 def _residual(x: Batch, bins: Bins) -> tuple[Batch, Batch, Batch]:
-    """Residuals over their standard deviations (B, M, N), and the offsets p then (two of (B, M, N))."""
+    """Return the normalized residuals (B, M, N) and the two components of the unit vector of p at each bin."""
     px = x[..., 0, None] - x[..., 4, None] * bins.path[0][:, None] - x[..., 2, None] * bins.age[:, None]
     py = x[..., 1, None] - x[..., 4, None] * bins.path[1][:, None] - x[..., 3, None] * bins.age[:, None]
     r = np.sqrt(px * px + py * py) + 1e-6

@@ -1,5 +1,8 @@
-"""Dead reckoning. The path through the air from heading, turn rate and airspeed that come at their own times, and the
-estimate of one flight carried on along it past the newest range: as `relative_ekf.predict`, in plain floats."""
+"""Dead reckoning: the path through the air from asynchronous reports of heading, turn rate and airspeed.
+
+`predict_belief` predicts a single flight's estimate along this path beyond the newest range. It is
+`relative_ekf.predict` in plain floats.
+"""
 
 from collections import deque
 from math import cos, exp, sin
@@ -12,17 +15,19 @@ from circnav_mav.guidance.maths import Array, chord_parts, wrap
 from circnav_mav.guidance.types import FeltVelocity, OwnMotion
 
 KEPT = 64
-"""Reports kept: more than a second at the fastest rate, and ranges are younger than that."""
+"""Reports kept: more than 1 s at the highest rate. Ranges are newer than that."""
 EXTRAPOLATED = 0.5
-"""Longest time, s, that the newest report is carried on by its turn rate."""
+"""Longest time, s, over which the newest report is extrapolated by its turn rate."""
 HOLE = 3.0
-"""A longer silence, s, breaks the path: where the vehicle went meanwhile is not known."""
+"""Longest gap between reports, s, in a continuous path. After a longer one the displacement is unknown."""
 
 
 class Knot(NamedTuple):
-    """A report and how far the path had come: x, y in m at the measured airspeed. piece: counts the holes before.
-    nose_x, nose_y: integral of the unit vector of the nose, s. report: the newest report that it is made from, for
-    accelerations are not carried on."""
+    """A point of the path: own motion there, and the path (x, y) integrated so far, m, at the measured airspeed.
+
+    piece: number of gaps before this point. nose_x, nose_y: integral of the unit vector of the heading, s. report: the
+    newest report that an extrapolated point is based on. It supplies the accelerations, which are not extrapolated.
+    """
 
     motion: OwnMotion
     x: float = 0.0
@@ -33,14 +38,14 @@ class Knot(NamedTuple):
     report: OwnMotion | None = None
 
     def carried(self, motion: OwnMotion, airspeed: float, turned: float, step: float) -> "Knot":
-        """The knot of a motion `step` seconds later, along an arc through the angle `turned`."""
+        """Return the knot of a motion `step` seconds later, after an arc that turns by `turned` (rad)."""
         heading = self.motion.heading
         x, y = chord_parts(airspeed, heading, turned, step)
-        nose_x, nose_y = _along(heading + turned / 2, step)  # the middle of the arc stands for it
+        nose_x, nose_y = _along(heading + turned / 2, step)  # midpoint rule
         return Knot(motion, self.x + x, self.y + y, self.piece, self.nose_x + nose_x, self.nose_y + nose_y)
 
     def felt_since(self, before: "Knot") -> ekf.Felt | None:
-        """What was felt from a knot to this one; None where the accelerations do not cover it."""
+        """Return the accelerations measured since an earlier knot, or None if they do not cover this interval."""
         new, old = self.report or self.motion, before.report or before.motion
         if new.felt is None or old.felt is None or new.felt.since != old.felt.since:
             return None
@@ -54,13 +59,13 @@ class Knot(NamedTuple):
 
 
 class OwnPath:
-    """Integrates arcs between reports. Late and repeated reports are dropped; a hole starts a new piece of path."""
+    """Integrates arcs between reports. Drops late and repeated reports. A gap starts a new piece of path."""
 
     def __init__(self) -> None:
         self._knots: deque[Knot] = deque(maxlen=KEPT)
 
     def move(self, motion: OwnMotion) -> None:
-        """Take in a report."""
+        """Add a report of own motion."""
         if not self._knots:
             self._knots.append(Knot(motion))
             return
@@ -73,7 +78,7 @@ class OwnPath:
             self._knots.append(last.carried(motion, (last.motion.airspeed + motion.airspeed) / 2, turned, step))
 
     def at(self, time: float) -> Knot | None:
-        """Where the path was, or will soon be; None outside of what is known."""
+        """Return the point of the path at a time (s), interpolated or extrapolated, or None outside of the path."""
         if not self._knots:
             return None
         newest = self._knots[-1]
@@ -110,8 +115,10 @@ def _along(angle: float, length: float) -> tuple[float, float]:
 
 
 class Belief(NamedTuple):
-    """mean: the state of `relative_ekf`, 12 numbers. covariance (12, 12). drift_psd (m^2/s^3), gust (m/s), feels
-    (0 .. 1): what it assumes."""
+    """Estimate of a flight: mean (12 values) and covariance (12, 12) of the state of `relative_ekf`.
+
+    drift_psd (m^2/s^3), gust (m/s), feels (0 to 1): averages of the noise models' assumptions.
+    """
 
     mean: tuple[float, ...]
     covariance: Array
@@ -121,8 +128,8 @@ class Belief(NamedTuple):
 
 
 class Prediction(NamedTuple):
-    """p = vehicle - target = (x, y), m, at range r. drift: m/s. airspeed: true, m/s. r_dot: m/s. Variances: of r (m^2),
-    of the direction (rad^2), of r_dot (m^2/s^2)."""
+    """Predicted p = vehicle - target = (x, y), m, at range r (m). drift: m/s. airspeed: true, m/s. r_dot: m/s.
+    Variances of r (m^2), of the direction (rad^2) and of r_dot (m^2/s^2)."""
 
     r: float
     x: float
@@ -139,8 +146,11 @@ def predict_belief(
     belief: Belief, dt: float, chord: tuple[float, float], *, heading: float, airspeed: float,
     felt: ekf.Felt | None = None,
 ) -> Prediction:  # fmt: skip
-    """The belief carried on by dt (s) along an air path (m, at the measured airspeed) to where the vehicle flies with
-    that heading (rad) and that measured airspeed (m/s). felt: what was felt meanwhile, see `Knot.felt_since`."""
+    """Return the estimate predicted by dt (s) along an air path `chord` (m, at the measured airspeed).
+
+    heading (rad) and measured airspeed (m/s): at the end of the path. felt: measured accelerations, from
+    `Knot.felt_since`.
+    """
     _, _, *steady_d, kappa, _, gx, gy, forward, sideways, ex, ey = belief.mean
     calm = exp(-dt / ekf.GUST_TIME)
     r, theta, row = ekf.motion(belief.mean, dt, chord)
@@ -151,7 +161,8 @@ def predict_belief(
     air = airspeed * cos(heading), airspeed * sin(heading)
     d = steady_d[0] + calm * gx, steady_d[1] + calm * gy
     if felt is not None:
-        # the measured change in the place of the assumed one, as far as the models that feel it are believed
+        # Use the measured change of velocity instead of the assumed decay, weighted by `feels`: the probability of the
+        # noise models that use accelerations.
         (c, s), stays = felt.nose, calm + belief.feels * (1 - calm)
         errors = c * forward - s * sideways, s * forward + c * sideways
         dx, dy = (
@@ -163,7 +174,7 @@ def predict_belief(
         d = dx, dy
     v = kappa * air[0] + d[0], kappa * air[1] + d[1]
     across, ahead = t[0] * v[0] + t[1] * v[1], n[0] * air[0] + n[1] * air[1]
-    rate = [across * entry for entry in left]  # r' = n.v, and an error of the direction turns n
+    rate = [across * entry for entry in left]  # r' = n.v, and a direction error rotates n
     rate[ekf.KAPPA] += ahead
     for i, along in enumerate(n):
         rate[ekf.DX + i] += along

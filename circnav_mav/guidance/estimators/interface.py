@@ -1,4 +1,4 @@
-"""What every estimator of range rate offers."""
+"""Interface of the estimators of range rate."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -8,7 +8,7 @@ from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, Ra
 
 
 class Fused(Enum):
-    """What became of a sample."""
+    """Result of adding a sample: accepted, or rejected by the gate."""
 
     ACCEPTED = "accepted"
     GATED = "gated"
@@ -16,12 +16,12 @@ class Fused(Enum):
 
 @dataclass(frozen=True, slots=True)
 class EstimatorSettings:
-    """What the estimators know of the vehicle and the sensor.
+    """Properties of the vehicle and the sensor.
 
-    speed: V, m/s. max_turn_rate: rad/s. gate: innovation gate in standard deviations. restart_after: samples in a row
-    outside the gate, agreeing with each other, that restart the filter. min_samples: before the estimate may steer.
-    drift_sigma: usual drift, in V; scale_sigma: of true over measured airspeed. A vehicle that holds its speed over the
-    ground drifts only as its target moves.
+    speed: V, m/s. max_turn_rate: rad/s. gate: innovation gate in standard deviations. restart_after: consecutive
+    samples outside the gate, consistent with each other, that restart the filter. min_samples: fewest samples before
+    the estimate may steer. drift_sigma: typical drift, as a share of V. The drift of a vehicle that holds its ground
+    speed is the target's motion alone. scale_sigma: standard deviation of true over measured airspeed.
     """
 
     speed: float
@@ -34,32 +34,32 @@ class EstimatorSettings:
 
 
 class Estimator(Protocol):
-    """Range samples in, range and range rate at any moment out."""
+    """Estimates range and range rate at any time from range samples."""
 
     @property
     def ready(self) -> bool:
-        """Whether the estimate may steer a vehicle."""
+        """True if the estimate may steer a vehicle."""
 
     @property
     def nis(self) -> float | None:
-        """Normalised innovation squared of the newest sample; None before the second."""
+        """Normalized innovation squared of the newest sample, or None before the second."""
 
     def observe(self, sample: RangeSample) -> Fused:
-        """Take one sample in, with its range rate where it has one, or refuse it."""
+        """Add a sample, with its range rate if it has one, or reject it."""
 
     def observe_rate(self, sample: RateSample) -> None:
-        """Take in a measured range rate; it comes at its own times, and counts only beside ranges."""
+        """Add a measured range rate, which may arrive between ranges. It is used only in addition to ranges."""
 
     def move(self, motion: OwnMotion) -> None:
-        """Take in own motion; it comes at its own times, and some estimators have no use for it."""
+        """Add own motion, which may arrive between ranges. Some estimators ignore it."""
         return
 
     def at(self, time: float) -> RangeEstimate | None:
-        """The estimate predicted to a moment of the local clock; None before the first sample."""
+        """Return the estimate predicted to a time of the local clock (s), or None before the first sample."""
 
     def restamp(self) -> None:
-        """The sensor's clock has jumped: only an estimator that goes by stamps has to begin anew."""
+        """Handle a jump of the sensor's clock. Estimators that use its timestamps start again."""
         return
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Return to the initial state."""

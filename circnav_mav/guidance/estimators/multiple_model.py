@@ -1,12 +1,13 @@
-"""The bank of relative-motion filters: search round the ring, track with several noise models, search again when lost.
+"""Multiple-model filter of the relative motion: acquisition, then tracking with several noise models.
 
-SEARCH: hypotheses in all directions of the newest range, fitted to a window of the last seconds. When one explains
-them and no other does, the flight is in TRACK: one Kalman filter per noise model (drift steady .. gusty, range error
-white .. drifting); the evidence decides which model counts, and a model that lost is started again from the mixture
-of its kind. A flight whose samples keep falling outside the gate searches again, at once and with the window that
-it has.
+SEARCH: hypotheses in all directions at the newest range, fitted to a window of the last seconds. When exactly one of
+them explains the ranges, the flight changes to TRACK.
 
-Every array has a last axis B over flights; in the air B = 1.
+TRACK: one Kalman filter per noise model (drift from steady to gusty, range error from white to drifting), weighted by
+its likelihood. A model of negligible weight restarts from the mixture of its kind. If the samples keep falling outside
+the gate, the flight searches again at once, with the existing window.
+
+Every array has a last axis B over flights. In a real flight B = 1.
 """
 
 from enum import IntEnum
@@ -22,7 +23,7 @@ from circnav_mav.guidance.maths import Batch
 
 
 class Stage(IntEnum):
-    """Where a flight's bank stands."""
+    """Stage of a flight's estimate."""
 
     EMPTY = 0
     SEARCH = 1
@@ -30,42 +31,42 @@ class Stage(IntEnum):
 
 
 TRUSTED, KEPT, LOST = 0.25, 0.5, 0.6
-"""Bounds of the position's standard deviation over the range: an estimate steers from the first up to the second, and
-is given up at the third."""
+"""Bounds of the position's standard deviation, as a share of the range: an estimate may steer below TRUSTED, and until
+it exceeds KEPT. Above LOST it is discarded."""
 MISSED, RECENT = 0.6, 3.0
-"""Share of recent samples outside the gate that ends the track; memory of it, s."""
+"""Share of recent samples outside the gate above which the flight searches again, and time constant of this share,
+s."""
 MODELS = (
-    (1e-7, 0, 0, 0, 1, 0),  # the drift stands still
+    (1e-7, 0, 0, 0, 1, 0),  # steady drift
     (1e-7, 0, 0, 0, 0.4, 0.9),
     (3e-4, 0, 0, 0, 1, 0),  # changes slowly
     (3e-4, 0, 0, 0, 0.4, 0.9),
     (5e-2, 0, 0, 0, 1, 0),  # changes quickly
     (1e-2, 0.1, 0, 0, 1, 0),  # gusts
-    (1e-7, 0.08, 0, 0, 1, 0),  # gusts in a wind that stands still
-    (1e-7, 0.02, 0, 0, 1, 0),  # small ones, or an autopilot whose heading is a degree off for seconds
-    (3e-4, 0.2, 0.03, 1, 1, 0),  # gusts, and a wind that turns, that accelerations tell
+    (1e-7, 0.08, 0, 0, 1, 0),  # gusts in a steady wind
+    (1e-7, 0.02, 0, 0, 1, 0),  # weak gusts, or a heading that is wrong by 1 deg for seconds
+    (3e-4, 0.2, 0.03, 1, 1, 0),  # gusts and a veering wind, measured by the accelerometers
 )
-"""m^2/s^3 of d, gust in V, noise of the nose in V, whether accelerations count, white and drifting part of sigma. A
-drifting range error shows only where the drift stands still or changes slowly."""
+"""Noise models: drift_psd (m^2/s^3), gust (as a share of V), nose (as a share of V), feels, white, drifting, as in
+`Noise`. A drifting range error can be observed only while the drift is steady or changes slowly."""
 LEAST_SIGMA, MOST_SIGMA = 1e-3, 1e3
-"""What the standard deviation of a range counts as at least and at most, m: none is known better than the motion in
-between, worse ones tell nothing, and variances that are farther apart cancel to nothing in a covariance."""
+"""Bounds of the standard deviation of a range, m. No range is more precise than the motion between samples, and less
+precise ones carry no information. Variances of more different magnitude cancel numerically in a covariance."""
 FORGOTTEN, REVIVED = -12.0, -6.0
-"""A model whose log weight falls below the first starts again from the mixture with the second."""
+"""Log weight below which a model restarts from the mixture, and its log weight afterwards."""
 
 
 class DriftBank:
-    """The banks of B flights that are stepped together. `step` is the only way in, or its two parts; the attributes
-    are what is believed.
+    """Multiple-model filters of B flights that are stepped together. Input: `step`, or `observe` and `search`.
 
-    mean (12, B), covariance (12, 12, B), stage, nis, missed, refused, spread, trusted (B,): nis of the heaviest
-    hypothesis, share of recent misses, whether the last sample was refused, standard deviation of the position over the
-    range (infinite before it is known where the target is), whether the estimate may steer. assumed (3, B): what the
-    tracking models assume on average of drift_psd, gust and feels; the middle of them for those that search.
+    mean (12, B), covariance (12, 12, B): the estimate. Arrays (B,): stage; nis of the most likely hypothesis; missed:
+    share of recent samples outside the gate; refused: True if the last sample was rejected; spread: standard deviation
+    of the position as a share of the range (infinite before the target is located); trusted: True if the estimate may
+    steer. assumed (3, B): weighted average of the models' drift_psd, gust and feels (unweighted during a search).
     """
 
     def __init__(self, settings: EstimatorSettings, flights: int = 1, known: Prior | None = None) -> None:
-        """known: of drift and airspeed scale, before the first range; forgotten with the first lost track."""
+        """known: prior of drift and airspeed scale. It is discarded when a track is lost."""
         self._settings = settings
         models = np.array(MODELS)
         models[:, 1:3] *= settings.speed
@@ -83,9 +84,9 @@ class DriftBank:
         self.trusted = np.zeros(flights, bool)
         self._since = np.zeros(flights)
         self._unheard: tuple[Batch, Batch, Batch, Batch, Batch] | None = None
-        """The newest range (dt, chord, z, sigma, valid) that the search has not taken in."""
+        """Newest range (dt, chord, z, sigma, valid), if not yet added to the search."""
         self._due: tuple[Batch, Batch] | None = None
-        """Whose search it is time to go on with, (B,), and the deviations of their ranges, m."""
+        """True for flights whose search is due, (B,), and standard deviations of their ranges (B,), m."""
         self._search = RingSearch(settings, flights, known)
         self._tracking = np.zeros(0, int)
         self._tracks = _copies(self.mean[:, :0], self.covariance[..., :0])
@@ -93,18 +94,18 @@ class DriftBank:
 
     @property
     def favourite(self) -> Batch:
-        """Number of the guess that a search thinks most of, (B,); -1 where there is no search."""
+        """Number of the most likely hypothesis of a search, (B,), or -1 without a search."""
         number = np.full(self.stage.size, -1)
         number[self._search.at] = self._search.favourite
         return number
 
     @property
     def remembers(self) -> bool:
-        """Whether the drift is known from before."""
+        """True if the search has a prior of the drift."""
         return self._search.remembers
 
     def step(self, *heard: Any) -> None:
-        """`observe` and `search`."""
+        """Run `observe`, then `search`."""
         self.observe(*heard)
         self.search()
 
@@ -112,9 +113,11 @@ class DriftBank:
         self, dt: Batch, chord: Batch, z: Batch, sigma: Batch, valid: Batch, felt: Felt | None = None,
         rates: Rates | None = None,
     ) -> None:  # fmt: skip
-        """Carry flights on by dt (B,) along chord (2, B), and take in their ranges z, sigma where valid (B,). Nothing
-        happens to those whose dt and chord are 0 and whose range is not valid. felt: the accelerations meanwhile.
-        rates: range rates measured now."""
+        """Predict by dt (B,), s, along chord (2, B), m, and add the ranges z, sigma (B,), m, where valid (B,).
+
+        Flights with dt and chord 0 and no valid range are unchanged. felt: accelerations measured during dt. rates:
+        range rates measured at its end.
+        """
         self.search()
         sigma = np.minimum(np.maximum(sigma, LEAST_SIGMA), MOST_SIGMA)
         self._since += dt
@@ -123,10 +126,10 @@ class DriftBank:
         self._since[valid] = 0.0
         self._unheard = dt, chord, z, sigma, valid
         if lost or self._tracking.size < self.stage.size:
-            self._hear()  # a vehicle that searches is steered by what its search thinks most of
+            self._hear()  # during a search, the most likely hypothesis steers
 
     def search(self) -> None:
-        """Go on with the searches. The result counts from the next estimate on."""
+        """Continue the searches. Results are used from the next estimate on."""
         if self._unheard is not None:
             self._hear()
         if self._due is None:
@@ -138,7 +141,7 @@ class DriftBank:
         self._tell_favourites()
 
     def _hear(self) -> None:
-        """Let the search take in the newest range, and begin for those that hear their first one."""
+        """Add the newest range to the search, and start searches of the flights with their first range."""
         assert self._unheard is not None
         (dt, chord, z, sigma, valid), self._unheard = self._unheard, None
         due = self._search.hear(dt, chord, z, sigma, valid)
@@ -161,7 +164,7 @@ class DriftBank:
         if self.stage.size > 1:
             dt, chord, z, sigma, valid = (part[..., at] for part in (dt, chord, z, sigma, valid))
             felt, rates, of = felt and felt.of(at), rates and rates.of(at), at
-        if dt.any():  # a rate has the very moment of its range
+        if dt.any():  # 0 for a rate measured at the same time as its range
             h = ekf.predict(h, self.noise, dt, chord, sigma, felt)
         if valid.any():
             h, nis, taken = ekf.update(h, self.noise, z, sigma, valid, self._settings.gate)
@@ -178,13 +181,13 @@ class DriftBank:
         self.mean[:, at], self.covariance[:, :, at] = mean, covariance
         variance = covariance[R, R] / np.maximum(mean[R], 1.0) ** 2 + covariance[THETA, THETA]
         self.spread[at] = np.sqrt(np.maximum(variance, 0.0))
-        # an estimate that steers goes on until it is much worse: a law on range alone holds the circle worse still,
-        # and one bound for both would change the law at every wobble
+        # Hysteresis: an estimate that steers is used until it is much worse. A law on range alone holds the circle
+        # worse still, and a single bound would switch the law whenever the spread fluctuates around it.
         bound = np.where(self.trusted[at], KEPT, TRUSTED)
         self.trusted[at] = self.spread[at] < bound
 
     def _count(self, at: Any, nis: Batch, taken: Batch, valid: Batch) -> None:
-        """Keep the share of recent samples that were refused."""
+        """Update the share of recent samples that were rejected."""
         missed, weight = self.missed[at], valid * np.minimum(self._since[at] / RECENT, 0.2)
         self.refused[at] = valid & ~taken
         self.missed[at] = missed + (~taken - missed) * weight
@@ -196,7 +199,7 @@ class DriftBank:
         self.assumed = self._assumptions @ weight
 
     def _lose(self) -> bool:
-        """Send flights back to the ring whose track does not hold; tells whether there are any."""
+        """Move flights with an inconsistent track back to the search. Return True if there are any."""
         if not self._tracking.size:
             return False
         drift = np.hypot(*ekf.drift(self.mean))
@@ -216,7 +219,7 @@ class DriftBank:
         return True
 
     def _tell_favourites(self) -> None:
-        """What a search thinks most of, as the mean."""
+        """Copy the most likely hypothesis of each search to the mean."""
         at = self._search.at
         if at.size:
             x = self._search.favourites()
@@ -224,7 +227,7 @@ class DriftBank:
             self.mean[ekf.DX : ekf.B, at], self.mean[ekf.B :, at] = x[ekf.DX :], 0.0
 
     def _start(self, at: Batch, x: Batch, P: Batch, sigma: Batch) -> None:
-        """Start the tracks of flights whose search has ended."""
+        """Start tracking the flights `at` from their solutions x (5, n) with covariances P (5, 5, n)."""
         known = slice(0, ekf.B)
         mean, covariance = np.zeros((STATES, at.size)), np.zeros((STATES, STATES, at.size))
         mean[known], covariance[known, known] = x, P
@@ -241,17 +244,19 @@ class DriftBank:
 
 
 def _copies(mean: Batch, covariance: Batch) -> Hypotheses:
-    """The same belief under every model, equally likely."""
+    """Return hypotheses with the same estimate for every model, equally likely."""
     x, P = np.repeat(mean[:, None], len(MODELS), axis=1), np.repeat(covariance[:, :, None], len(MODELS), axis=2)
     return Hypotheses(x, P, np.zeros((len(MODELS), mean.shape[-1])))
 
 
 def _revive(h: Hypotheses, feels: Batch, mean: Batch, covariance: Batch) -> Hypotheses:
-    """Start models again that lost, each from the mixture of its own kind: feels (M,), which go by accelerations. Where
-    no model of a kind is left, from the mixture of all, mean (12, B) and covariance (12, 12, B).
+    """Return the hypotheses with the models of negligible weight restarted.
 
-    The models that feel can take a wrong airspeed for a gust that turns with the nose. The others show the mistake only
-    if they are not started from it.
+    feels (M,): True for models that use accelerations. Each model restarts from the mixture of its own kind. If no
+    model of this kind is left, it restarts from the mixture of all, mean (12, B) and covariance (12, 12, B).
+
+    Models that use accelerations can mistake a wrong airspeed for a gust that turns with the heading. The other models
+    reveal this error only if they do not restart from it.
     """
     dead: Batch = h.log_weight < FORGOTTEN
     if not dead.any():

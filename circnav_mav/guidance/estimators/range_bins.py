@@ -1,5 +1,5 @@
-"""The last seconds of ranges, averaged in short bins, and how rough they are. The last axis B is over flights, each
-with a clock of its own."""
+"""Window of the last seconds of ranges, averaged in short bins, and their white noise. The last axis B is over flights.
+Each flight has its own clock."""
 
 from typing import NamedTuple
 
@@ -9,22 +9,23 @@ from circnav_mav.guidance.estimators.relative_ekf import BIAS_TIME
 from circnav_mav.guidance.maths import Batch
 
 WIDTH = 0.25
-"""Width of a bin, s: in it the range bends by centimetres."""
+"""Width of a bin, s: within it the range deviates from a straight line by centimeters only."""
 SLOTS = 8
-"""Samples that a bin keeps; more than that in a bin add little."""
+"""Samples kept per bin. More would hardly improve the average."""
 COUNT = 64
-"""Bins kept: 16 s, more than a turn needs to tell all directions apart."""
+"""Bins kept: 16 s, more than a turn needs to distinguish all directions."""
 ROUGH, ROUGH_ENOUGH = 40, 16
-"""Second differences kept to measure the white part of the noise, and how many it takes at least."""
+"""Second differences kept to measure the white part of the noise, and fewest that are used."""
 EVEN = 0.19
-"""Share by which equal steps may differ; no ratio that lost samples make, or rounding would decide."""
+"""Share by which two steps may differ and still count as equal. It avoids the ratios that lost samples cause, where
+rounding would decide."""
 DRIFT_PSD = 0.01
-"""How fast the drift may change, m^2/s^3."""
+"""Process noise of the drift, m^2/s^3."""
 
 
 class Bins(NamedTuple):
-    """N averaged ranges of B flights, newest last, shape (B, N): age (s) and path (2, B, N; m) since, both counted
-    back from now, z (m) and its variance (m^2; infinite for an empty bin)."""
+    """N averaged ranges of B flights, newest last, shape (B, N): age (s), path (2, B, N) flown since (m), range z (m)
+    and its variance (m^2, infinite for an empty bin)."""
 
     age: Batch
     path: Batch
@@ -48,7 +49,8 @@ class RangeWindow:
         self.now, self.path = np.zeros(flights), np.zeros((2, flights))
 
     def add(self, dt: Batch, chord: Batch, z: Batch, sigma: Batch, valid: Batch) -> Batch:
-        """Time (B,) and path (2, B) go on, ranges come in where valid; tells whose bin was closed, (B,)."""
+        """Advance time by dt (B,) and path by chord (2, B), and add the valid ranges. Return True, (B,), for flights
+        whose bin was closed."""
         self.now = self.now + dt
         self.path = self.path + chord
         due = self.now - self._opened >= WIDTH - 1e-9
@@ -62,16 +64,16 @@ class RangeWindow:
         return due
 
     def white(self, sigma: Batch) -> Batch:
-        """Standard deviation of the white part of the noise, m, (B,): sigma until enough was seen."""
+        """Return the standard deviation of the white part of the noise, m, (B,): sigma until enough was measured."""
         known = np.isfinite(self._bends).sum(axis=0) >= ROUGH_ENOUGH
         middle = _median(np.where(known, self._bends, 0.0))
         return np.where(known, np.minimum(middle / (0.6745 * np.sqrt(6)), sigma), sigma)
 
     def bins(self, at: Batch, sigma: Batch) -> Bins:
-        """The bins of some flights, oldest first, with their variances as of now."""
+        """Return the bins of the flights `at`, oldest first, with their current variances."""
         closed = self._closed[at]
         used = min(closed.max(initial=0), COUNT)
-        order = (closed - used + np.arange(used)[:, None]) % COUNT  # of those with fewer, some that are empty
+        order = (closed - used + np.arange(used)[:, None]) % COUNT  # includes empty bins of flights with fewer
         t, x, y, z, n = self._bins[:, order, at]
         age = self.now[at] - t
         white = self.white(sigma)[at]
@@ -81,11 +83,11 @@ class RangeWindow:
         return Bins(age.T, np.swapaxes(path, 1, 2), z.T, np.maximum(variance, 1e-4).T)
 
     def filled(self, at: Batch) -> Batch:
-        """Bins with at least one sample, (B,)."""
+        """Return the number of bins with at least one sample, (B,)."""
         return np.isfinite(self._bins[4][:, at]).sum(axis=0)
 
     def _roughen(self, z: Batch, valid: Batch) -> None:
-        """|z0 - 2 z1 + z2| of equally spaced samples: the motion hardly shows in it, the white noise does."""
+        """Record |z0 - 2 z1 + z2| of equally spaced samples. It contains the white noise but hardly any motion."""
         t2, z2, t1, z1 = self._before
         steps = self.now - t1, t1 - t2
         even = valid & (np.abs(steps[0] - steps[1]) < EVEN * steps[0])
@@ -96,7 +98,7 @@ class RangeWindow:
         self._before = np.where(valid, now, self._before)
 
     def _close(self, at: Batch, sigma: Batch) -> None:
-        """Average the open bins of some flights without what is far from their medians."""
+        """Close the open bins of the flights `at`: average their samples without those far from the median."""
         open_ = self._open[..., at]
         z = open_[3]
         any_in = np.isfinite(z).any(axis=0)
@@ -113,8 +115,8 @@ class RangeWindow:
 
 
 def _median(values: Batch) -> Batch:
-    """Median (B,) of what is not NaN in each column of (n, B); none may be empty. As `np.nanmedian`, which takes ten
-    times as long for a few values."""
+    """Return the median (B,) of the values other than NaN in each column of (n, B). No column may be empty. Same as
+    `np.nanmedian`, which takes ten times as long for a few values."""
     count = np.isfinite(values).sum(axis=0)
     ordered, column = np.sort(values, axis=0), np.arange(values.shape[1])
     return (ordered[(count - 1) // 2, column] + ordered[count // 2, column]) / 2

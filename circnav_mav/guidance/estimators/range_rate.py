@@ -19,9 +19,9 @@ from circnav_mav.guidance.maths import Array, Number
 from circnav_mav.guidance.types import RangeEstimate, RangeSample, RateSample
 
 ACCELERATION_SIGMAS = 3.0
-"""The physical bound on |r''| is taken as this many standard deviations of the process noise."""
+"""Physical bound on |r''|, in standard deviations of the process noise."""
 RANGE, RATE = 0, 1
-"""What was measured: which component of the state."""
+"""Measured component of the state."""
 
 
 def acceleration_variance(settings: EstimatorSettings, r: Number) -> Number:
@@ -36,7 +36,8 @@ def motion_model(h: float, q: float) -> tuple[Array, Array]:
 
 
 class KalmanRangeRate(Estimator):
-    """The filter in flight. The time step is the difference of two sensor stamps: jitter on the way costs nothing."""
+    """The filter in flight. The time step is the difference of two sensor timestamps, so transport jitter has no
+    effect."""
 
     def __init__(self, settings: EstimatorSettings) -> None:
         self._settings = settings
@@ -51,7 +52,7 @@ class KalmanRangeRate(Estimator):
 
     @property
     def ready(self) -> bool:
-        """True if it may steer: enough samples, and r' better known than before them (a deviation of V/sqrt 2)."""
+        """True if the estimate may steer: enough samples, and the standard deviation of r' below V/2."""
         settings = self._settings
         return self._samples >= settings.min_samples and bool(self._filter.P[1, 1] < settings.speed**2 / 4)
 
@@ -62,12 +63,11 @@ class KalmanRangeRate(Estimator):
         return None if begun else self._nis
 
     def observe(self, sample: RangeSample) -> Fused:
-        """Take in one sample, or refuse it at the gate. Stamps must rise from call to call.
+        """Add a sample, or reject it at the gate. Timestamps must increase from call to call.
 
-        A run of samples outside the gate that agree with each other means that the filter is the outlier: it starts
-        anew.
+        Consecutive samples outside the gate that agree with each other show that the filter is wrong. It restarts.
         """
-        h = 0.0 if self._newest is None else max(sample.stamp - self._newest.stamp, 0.0)  # a rate may have come first
+        h = 0.0 if self._newest is None else max(sample.stamp - self._newest.stamp, 0.0)  # 0 if a later rate came first
         accepted = self._samples > 0 and self._measure(RANGE, h, sample.r, sample.sigma)
         if accepted:
             self._samples, self._refused = self._samples + 1, 0
@@ -81,19 +81,19 @@ class KalmanRangeRate(Estimator):
         return Fused.GATED if self._refused else Fused.ACCEPTED
 
     def observe_rate(self, sample: RateSample) -> None:
-        """Take in a range rate, unless it is older than the newest sample. Outside the gate it is left out: the ranges
-        decide which of the two is wrong."""
+        """Add a range rate, unless it is older than the newest sample. Outside the gate it is ignored: the ranges
+        decide whether the filter or the rate is wrong."""
         if self._newest is None or sample.stamp < self._newest.stamp:
             return
         self._measure(RATE, sample.stamp - self._newest.stamp, sample.r_dot, sample.sigma)
         self._newest = sample
 
     def restamp(self) -> None:
-        """Start anew: the steps of this filter are those of the sensor's clock."""
+        """Restart: the time steps of this filter come from the sensor's clock."""
         self.reset()
 
     def at(self, time: float) -> RangeEstimate | None:
-        """Return the estimate predicted to a moment of the local clock; None before the first sample."""
+        """Return the estimate predicted to a time of the local clock (s), or None before the first sample."""
         if self._newest is None:
             return None
         x, P = self._filter.x, self._filter.P
@@ -105,8 +105,8 @@ class KalmanRangeRate(Estimator):
         return RangeEstimate(time, r, r_dot, sqrt(P[0, 0]), sqrt(P[1, 1]))
 
     def _measure(self, component: int, h: float, z: float, sigma: float) -> bool:
-        """Predict by h seconds and take in a measurement of a component of the state. Return False if it is outside
-        the gate, and so left out."""
+        """Predict by h (s) and add a measurement of a component of the state. Return False if it is outside the gate
+        and was ignored."""
         F, Q = self._model(h)
         self._filter.predict(F=F, Q=Q)
         x, P = self._filter.x, self._filter.P
@@ -122,8 +122,8 @@ class KalmanRangeRate(Estimator):
         return motion_model(h, float(acceleration_variance(self._settings, float(self._filter.x[0, 0]))))
 
     def _agrees(self, sample: RangeSample, h: float) -> bool:
-        """True if a refused sample and the one before it can be of one motion: no farther apart than twice the speed
-        covers, plus noise."""
+        """True if a rejected sample and the one before it fit a single motion: the ranges differ by no more than twice
+        the speed times the interval, plus noise."""
         before, settings = self._refused_range, self._settings
         if before is None or self._refused == 0:
             return True
@@ -145,7 +145,7 @@ class SteadyState:
 
 @lru_cache(maxsize=1024)
 def steady_state(settings: EstimatorSettings, *, r: float, sigma: float, period: float) -> SteadyState:
-    """Return what the filter settles to after many samples of noise sigma (m) every `period` (s) at range r (m).
+    """Return the filter's steady state for samples of noise sigma (m) every `period` (s) at range r (m).
 
     The lag is that of an alpha-beta filter under constant acceleration, T (2 alpha - beta)/(2 beta).
     """

@@ -1,20 +1,26 @@
-"""The relative-motion filters as arrays: one step serves one flight and a thousand, one hypothesis and thirty-two.
+"""Extended Kalman filters of the relative motion, as arrays over hypotheses and flights.
 
 State x = (r, theta, d_x, d_y, kappa, b, g_x, g_y, f, l, e_x, e_y), shape (12, M, B) for M hypotheses of each of B
-flights: r, theta = range (m) and direction (rad) of p = vehicle - target, d + g + e = wind - target velocity (m/s), of
-which d is steady, g comes and goes (gusts, side-slip, a turning target) and e is new at every step (noise of heading
-and airspeed), kappa = true over measured airspeed, b = slowly drifting error of the range (m), f, l = error of the
-measured acceleration, forward and to the left (m/s^2). Frame: the paper's, turned by the compass' constant error.
+flights:
+
+    r, theta    range (m) and direction (rad) of p = vehicle - target
+    d + g + e   wind - target velocity (m/s): d steady, g varying with time constant tau_g (gusts, side-slip, a turning
+                target), e independent in each step (noise of heading and airspeed)
+    kappa       true over measured airspeed
+    b           slowly drifting error of the range (m)
+    f, l        error of the measured acceleration, forward and to the left (m/s^2)
+
+Frame: the paper's, rotated by the constant error of the compass.
 
     p' = v = kappa V u(psi) + d + g + e,   d' = white noise,   g' = -g/tau_g + white noise,   b' likewise,
     z = r + b + white noise,   measured acceleration = v' + (f, l) turned by psi + white noise
 
-The acceleration tells how d + g + e change, whatever the nose does: a gust, and a vehicle that slips or lags, are known
-before the range shows them. Without it e is nothing.
+The acceleration measures changes of d + g + e independently of the heading. It reveals a gust, and a vehicle that slips
+or lags, earlier than the range does. Without it, e is 0.
 
-Polar, because then the measurement is linear: a Cartesian filter draws each range along another bearing than the last
-and so believes that it sees the bearing (in gusts its NEES reaches hundreds; this one's stays near 2). The motion is
-exact (the air path comes in as a chord) and linearised about the mean. Source: extended Kalman filter in polar
+The state is polar because the measurement is then linear. A Cartesian filter linearizes each range along a new bearing,
+which gives it false information on the bearing (its NEES reaches hundreds in gusts; here it stays near 2). The motion
+is exact (its input is the chord of the air path) and linearized about the mean. Source: extended Kalman filter in polar
 coordinates, as Aidala and Hammel, "Utilization of modified polar coordinates for bearings-only tracking" (1983).
 """
 
@@ -26,42 +32,42 @@ from circnav_mav.guidance.maths import Array, Batch, Number, arctan2, cos, exp, 
 
 R, THETA, DX, DY, KAPPA, B, GX, GY, FORWARD, LEFT, EX, EY = range(12)
 STATES = 12
-"""Rows of the state: range, direction, drift, airspeed scale, gust, range error and what the accelerometers need."""
+"""Rows of the state: range, direction, drift, airspeed scale, range error, gust, acceleration error, heading noise."""
 AXES = np.zeros((2, STATES, 1, 1))
 AXES[0, [DX, GX, EX]] = AXES[1, [DY, GY, EY]] = 1.0
-"""Which states are a drift to the east and to the north."""
+"""Selection of the states that are a drift to the east and to the north."""
 BIAS_TIME = 2.0
-"""Correlation time of the drifting range error, s: what UWB and LoRa radios show (1..3 s)."""
+"""Correlation time of the drifting range error, s: UWB and LoRa radios show 1 to 3 s."""
 GUST_TIME = 10.0
-"""Correlation time of gusts, s: 150..200 m of low-level turbulence at the speed of a small UAV."""
+"""Correlation time of gusts, s: the 150 to 200 m of low-level turbulence at the speed of a small UAV."""
 KAPPA_RANGE = (0.85, 1.15)
-"""Airspeed sensors err by no more; without the clamp a filter can lock on a wrong mode."""
+"""Bounds of kappa: the largest errors of airspeed sensors. Without them a filter can lock on to a wrong mode."""
 CLOSEST = 1.0
-"""The bearing is singular at the target: ranges count as at least this, m."""
+"""Smallest range of the state, m: the bearing is singular at the target."""
 POSITION_PSD, KAPPA_PSD = 1e-4, 1e-7
-"""Process noise for what the model leaves out: m^2/s and 1/s."""
+"""Process noise of the position (m^2/s) and of kappa (1/s), for effects that are not modeled."""
 FELT_PSD = 1e-2
-"""White part of the measured acceleration, m^2/s^3: .3 m/s^2 that lasts .1 s, from vibration and late attitudes."""
+"""White noise of the measured acceleration, m^2/s^3: 0.3 m/s^2 for 0.1 s, from vibration and delayed attitudes."""
 FELT_BIAS, FELT_BIAS_PSD = 0.2, 1e-5
-"""Error of the measured acceleration: standard deviation at first, m/s^2 (1 deg of attitude is .17), and how it grows,
-m^2/s^5."""
+"""Error of the measured acceleration: initial standard deviation, m/s^2 (1 deg of attitude causes 0.17 m/s^2), and its
+process noise, m^2/s^5."""
 OUTLIER_SHARE, OUTLIER_SPREAD = 0.05, 100.0
-"""A range may be worthless: with this probability it is anywhere within so many metres."""
+"""Probability that a range is an outlier, and width of the interval over which outliers are uniform, m."""
 RATE_SPREAD = 10.0
-"""The same of a range rate, m/s."""
+"""Width of the interval over which outliers of the range rate are uniform, m/s."""
 NOSE = 0.1
-"""So uncertain, in V, is what a measured range rate tells of the drift where accelerations are not felt: a fifth of it
-is noise of heading and airspeed, the rest keeps the filter consistent in gusts (mean NEES 2.4; without it 10)."""
+"""Added uncertainty of a measured range rate, as a share of V, if no accelerations are used. A fifth is noise of
+heading and airspeed. The rest keeps the filter consistent in gusts (mean NEES 2.4, without it 10)."""
 WEIGHT_MEMORY = 20.0
-"""Time, s, after which the evidence for a hypothesis counts 1/e."""
+"""Time, s, in which the evidence for a hypothesis decays to 1/e."""
 
 
 class Noise(NamedTuple):
-    """What each of M hypotheses assumes, arrays of shape (M, 1).
+    """Noise model of each of M hypotheses, arrays of shape (M, 1).
 
     drift_psd: of d', m^2/s^3. gust: standard deviation of each component of g, m/s. white, drifting: the two parts of
-    the range error, in units of the sample's sigma. nose: of each component of e, m/s. feels: 1 where the measured
-    acceleration counts, else 0.
+    the range error, in units of the sample's sigma. nose: standard deviation of each component of e, m/s. feels: 1 if
+    the model uses the measured acceleration, else 0.
     """
 
     drift_psd: Array
@@ -73,10 +79,10 @@ class Noise(NamedTuple):
 
 
 class Felt(NamedTuple):
-    """What was measured of the acceleration over a step, arrays (2, B), or pairs of one flight.
+    """Measured acceleration over a step, arrays (2, B), or pairs for one flight.
 
-    change: its integral, m/s. air: the change of V u(psi) at the measured airspeed meanwhile, m/s. nose: the integral
-    of u(psi), s. across: of shape (B,), or one number: airspeed times turn rate, m/s^2.
+    change: its integral, m/s. air: change of V u(psi) at the measured airspeed, m/s. nose: integral of u(psi), s.
+    across: airspeed times turn rate, m/s^2, shape (B,) or one number.
     """
 
     change: Array
@@ -85,13 +91,13 @@ class Felt(NamedTuple):
     across: Array
 
     def of(self, flights: Any) -> "Felt":
-        """Some of the flights."""
+        """Return the selected flights."""
         return Felt(*(part[..., flights] for part in self))
 
 
 class Rates(NamedTuple):
-    """Measured range rates of B flights, arrays (B,): r_dot and its sigma, m/s, where valid. air (2, B): V u(psi) of
-    that moment at the measured airspeed, m/s."""
+    """Measured range rates of B flights, arrays (B,): r_dot and its sigma, m/s, where valid. air (2, B): V u(psi) at
+    the same time and the measured airspeed, m/s."""
 
     r_dot: Array
     sigma: Array
@@ -99,7 +105,7 @@ class Rates(NamedTuple):
     air: Array
 
     def of(self, flights: Any) -> "Rates":
-        """Some of the flights."""
+        """Return the selected flights."""
         return Rates(*(part[..., flights] for part in self))
 
 
@@ -118,18 +124,20 @@ class Hypotheses(NamedTuple):
 
 
 def predict(h: Hypotheses, noise: Noise, dt: Batch, chord: Batch, sigma: Batch, felt: Felt | None = None) -> Hypotheses:
-    """Carry on by dt (B,), in s, along air paths whose chords are (2, B), in m at the measured airspeed; felt: where
-    the acceleration was measured meanwhile."""
-    keep, x, P = np.ones((STATES, 1, dt.size)), h.x, h.P  # what is left of each state but range and direction
+    """Return the hypotheses predicted by dt (B,), s, along air paths with chords (2, B), m, at the measured airspeed.
+
+    sigma (B,): standard deviation of the ranges, m. felt: acceleration measured during dt, if any.
+    """
+    keep, x, P = np.ones((STATES, 1, dt.size)), h.x, h.P  # decay of each state other than range and direction
     keep[B], keep[GX:FORWARD], keep[EX:] = np.exp(-dt / BIAS_TIME), np.exp(-dt / GUST_TIME), dt <= 0
     r, theta, row = motion(x, dt, chord)
     place = np.zeros(x.shape, complex)
     for state, entry in row:
         place[state] = entry
-    # rows of range and direction after the step, and of what is felt of it, by the states before
+    # Jacobian rows of range and direction after the step, and of the measured acceleration, by the states before
     rows = np.empty((2 if felt is None else 4, *x.shape))
     rows[0], rows[1] = place.real, place.imag / r
-    half, lever = rows[:2, DX:KAPPA] / 2, np.zeros(rows.shape)  # what noise of the drift does to them, meanwhile
+    half, lever = rows[:2, DX:KAPPA] / 2, np.zeros(rows.shape)  # effect of the drift's process noise
     lever[:2, DX:KAPPA] = lever[:2, GX:FORWARD] = lever[:2, EX:] = half
     if felt is not None:
         rows[2:], lever[2:] = _felt_rows(felt, keep), AXES
@@ -138,7 +146,7 @@ def predict(h: Hypotheses, noise: Noise, dt: Batch, chord: Batch, sigma: Batch, 
     moved *= keep
     steady, gusty = steps(noise.drift_psd, noise.gust, dt)
     fresh = 0.0 if felt is None else (dt > 0) * noise.nose**2
-    q = np.zeros(x.shape)  # by how much the variance of each state grows
+    q = np.zeros(x.shape)  # process noise of each state
     q[DX:KAPPA], q[GX:FORWARD], q[EX:] = steady, gusty, fresh
     moved += lever * q
     q[KAPPA], q[B] = KAPPA_PSD * dt, (1 - keep[B] ** 2) * (noise.drifting * sigma) ** 2
@@ -163,13 +171,13 @@ def predict(h: Hypotheses, noise: Noise, dt: Batch, chord: Batch, sigma: Batch, 
 
 
 def _felt_rows(felt: Felt, keep: Batch) -> Array:
-    """The measured change of velocity by the states before the step, (2, 12, 1, B):
+    """Return the Jacobian of the measured change of velocity by the states before the step, (2, 12, 1, B):
 
     change = kappa air + (g + d) after - (g + d) before + (f, l) turned by the nose + white noise
     """
     c, s = felt.nose
     rows = np.zeros((2, STATES, 1, c.size))
-    # kappa is learnt from the turn that the gyros tell: noise of the nose in `air` would drag it down
+    # kappa is estimated from the turn rate of the gyros: the heading noise in `air` would bias it low
     rows[0, KAPPA], rows[1, KAPPA] = -felt.across * s, felt.across * c
     rows[0, GX] = rows[1, GY] = keep[GX] - 1
     rows[0, FORWARD] = rows[1, LEFT] = c
@@ -179,9 +187,12 @@ def _felt_rows(felt: Felt, keep: Batch) -> Array:
 
 
 def _correct(x: Batch, P: Batch, feels: Batch, C: Batch, S: Batch, noise: Batch, nu: Batch) -> None:
-    """Correct x and P in their place by two measurements with covariances C (2, 12, M, B) with the state, S (2, 2, M,
-    B) and `noise` (M, B) of each, and innovations nu (2, M, B), where they count (`feels`)."""
-    # the 2 x 2 system by its Cholesky factor: what is symmetric stays so
+    """Correct x and P in place by two measurements, for the models that use them (`feels`).
+
+    C (2, 12, M, B): covariance of measurements and state. S (2, 2, M, B): covariance of the predicted measurements.
+    noise (M, B): variance of each measurement. nu (2, M, B): innovations.
+    """
+    # Solving the 2 x 2 system by its Cholesky factor keeps P symmetric.
     a = np.sqrt(S[0, 0] + noise)
     b = S[0, 1] / a
     e = np.sqrt(np.maximum(S[1, 1] + noise - b * b, 1e-12))
@@ -201,11 +212,11 @@ def _within_bounds(x: Batch) -> None:
 
 
 def motion(x: Any, dt: Number, chord: Any) -> tuple[Array, Array, tuple[tuple[int, Array], ...]]:
-    """Range and direction after dt along a chord, and their row of the Jacobian: what an error of each state does to
-    the range, and, as the imaginary part, to the direction times the range. States that do nothing are left out.
+    """Return range (m) and direction (rad) after dt (s) along a chord (m), and their Jacobian as (state, entry) pairs.
 
-    x: by state, arrays or floats. East and north are the parts of complex numbers, and conj(u) turns them to along and
-    across the line of sight u.
+    An entry's real part is the derivative of the range. Its imaginary part is the derivative of the direction, times
+    the range. States without effect are omitted. x: by state, arrays or floats. Complex numbers hold east and north.
+    Multiplying by conj(u) converts them to along and across the line of sight u.
     """
     towards, path = unit(-x[THETA]), chord[0] + 1j * chord[1]
     drifts = x[DX] + x[GX] + x[EX] / 2 + 1j * (x[DY] + x[GY] + x[EY] / 2)
@@ -223,49 +234,49 @@ def motion(x: Any, dt: Number, chord: Any) -> tuple[Array, Array, tuple[tuple[in
 
 
 def steps(drift_psd: Number, gust: Number, dt: Number) -> tuple[Array, Array]:
-    """By how much the variances of d and g grow in dt, m^2/s^2."""
+    """Return the growth of the variances of d and g in dt, m^2/s^2."""
     return drift_psd * dt, (1 - exp(-2 * dt / GUST_TIME)) * gust**2
 
 
 def wandered(steady: Number, gusty: Number, dt: Number) -> Array:
-    """By how much the variance of the place grows meanwhile, m^2, beyond what the motion does."""
+    """Return the process noise of the position in dt, m^2, from the growth `steady` and `gusty` of the drift."""
     return (steady + gusty) * (dt**2 / 3) + POSITION_PSD * dt
 
 
 Updated = tuple[Hypotheses, Array, Array]
-"""The hypotheses after a measurement; for each, (M, B), its normalised innovation squared and whether it was taken."""
+"""Hypotheses after a measurement, their normalized innovation squared (M, B), and True (M, B) where it was accepted."""
 
 
 def update(h: Hypotheses, noise: Noise, z: Batch, sigma: Batch, valid: Batch, gate: float) -> Updated:
-    """Take in one range per flight, z and sigma (B,), where valid (B,); per hypothesis refuse it outside the gate."""
+    """Add one range per flight, z and sigma (B,), m, where valid (B,). Each hypothesis rejects it outside its gate."""
     PH = h.P[:, R] + h.P[:, B]
     S = np.maximum(PH[R] + PH[B], 0.0) + (noise.white * sigma) ** 2
     return _fused(h, PH, z - h.x[R] - h.x[B], S, valid, gate, OUTLIER_SPREAD)
 
 
 def update_rate(h: Hypotheses, rates: Rates, gate: float) -> Hypotheses:
-    """Take in a range rate per flight: z = n.(kappa V u(psi) + d + g + e) + white noise, n the unit vector of p."""
+    """Add a range rate per flight: z = n.(kappa V u(psi) + d + g + e) + white noise, n = unit vector of p."""
     n, t = axes(h.x[THETA])
     vx, vy = (h.x[KAPPA] * air + d for air, d in zip(rates.air, drift(h.x), strict=True))
     along, across = n[0] * vx + n[1] * vy, t[0] * vx + t[1] * vy
     ahead = n[0] * rates.air[0] + n[1] * rates.air[1]
     H = ((THETA, across), (KAPPA, ahead), *((x, n[0]) for x in (DX, GX, EX)), *((y, n[1]) for y in (DY, GY, EY)))
     PH = sum(of * h.P[:, state] for state, of in H)
-    # where accelerations are felt, noise of the nose is a state, e
+    # with accelerations, the noise of the heading is a state: e
     nose = np.where(h.P[EX, EX] > 0, 0.0, NOSE * np.hypot(*rates.air)) ** 2
     S = np.maximum(sum(of * PH[state] for state, of in H), 0.0) + rates.sigma**2 + nose
     return _fused(h, PH, rates.r_dot - along, S, rates.valid, gate, RATE_SPREAD)[0]
 
 
 def _fused(h: Hypotheses, PH: Batch, nu: Batch, S: Batch, valid: Batch, gate: float, spread: float) -> Updated:
-    """After a measurement with innovation nu of variance S; PH: covariance of the states with it. spread: an outlier is
-    anywhere within."""
+    """Return the hypotheses after a measurement with innovation nu of variance S. PH: covariance of states and
+    measurement. spread: width of the uniform distribution of outliers."""
     nis = nu**2 / S
     taken = valid & (nis < gate**2)
     share = taken / S
     x = h.x + PH * (share * nu)
     _within_bounds(x)
-    learnt = PH * np.sqrt(share)  # K S K' as a product with itself: what is symmetric stays so, to the last bit
+    learnt = PH * np.sqrt(share)  # K S K' as a product with itself stays exactly symmetric
     P = h.P - learnt[:, None] * learnt[None, :]
     fits = (1 - OUTLIER_SHARE) * np.exp(-0.5 * np.minimum(nis, 1e3)) / np.sqrt(2 * np.pi * S)
     log_weight = h.log_weight + np.where(valid, np.log(fits + OUTLIER_SHARE / spread), 0.0)
@@ -273,15 +284,15 @@ def _fused(h: Hypotheses, PH: Batch, nu: Batch, S: Batch, valid: Batch, gate: fl
 
 
 def axes(theta: Number) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Unit vectors along and across (left of) the line from the target."""
+    """Return the unit vectors along and across (left of) the line from the target."""
     c, s = cos(theta), sin(theta)
     return (c, s), (-s, c)
 
 
 def mixture(h: Hypotheses) -> tuple[Array, Array]:
-    """Mean (12, B) and covariance (12, 12, B) of the weighted hypotheses.
+    """Return mean (12, B) and covariance (12, 12, B) of the weighted hypotheses.
 
-    Directions are averaged about the heaviest."""
+    Directions are averaged about the most likely hypothesis's direction."""
     w = h.weight
     heaviest = h.x[THETA, h.log_weight.argmax(axis=0), np.arange(w.shape[1])]
     x = h.x.copy()
@@ -292,7 +303,7 @@ def mixture(h: Hypotheses) -> tuple[Array, Array]:
 
 
 def polar(p: Batch, P: Batch) -> tuple[Array, Array]:
-    """State (p_x, p_y, ...) of shape (12, B) with covariance (12, 12, B) as (r, theta, ...)."""
+    """Return a Cartesian state (p_x, p_y, ...), (12, B), and its covariance (12, 12, B) as (r, theta, ...)."""
     r = np.maximum(np.hypot(p[0], p[1]), CLOSEST)
     n = p[:2] / r
     T = np.zeros_like(P)
@@ -306,10 +317,10 @@ def polar(p: Batch, P: Batch) -> tuple[Array, Array]:
 
 
 def position(x: Batch) -> Array:
-    """p = vehicle - target (2, ...), m."""
+    """Return p = vehicle - target (2, ...), m."""
     return x[R] * np.stack([np.cos(x[THETA]), np.sin(x[THETA])])
 
 
 def drift(x: Batch) -> Array:
-    """d + g + e (2, ...), m/s."""
+    """Return d + g + e (2, ...), m/s."""
     return x[DX : DY + 1] + x[GX : GY + 1] + x[EX : EY + 1]

@@ -1,4 +1,4 @@
-"""`drift` and `auto`: the bank of relative-motion filters in flight, fed with ranges and own motion as they come."""
+"""`drift` and `auto`: the relative-motion filters in flight, updated by ranges and own motion in order of arrival."""
 
 from dataclasses import replace
 from math import sqrt
@@ -15,21 +15,22 @@ from circnav_mav.guidance.maths import Array
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample, RelativeMotion
 
 GAP = 20.0
-"""After a longer time without ranges, s, the bank starts anew."""
+"""Longest time without ranges, s. After a longer one the filters restart."""
 MEMORY = 10.0
-"""After such a gap the drift counts that was known so long (s) before it: what came later may be the trouble."""
+"""Least age, s, of the drift that is kept for a restart after such a gap. Newer estimates may already be affected by
+the cause of the gap."""
 GROWN = 1.1
-"""A prediction may steer while it is at most so many times as uncertain as the estimate at the newest range."""
+"""Largest uncertainty of a prediction that may steer, relative to the estimate's uncertainty at the newest range."""
 REMEMBERED, FORGOTTEN = 0.03, 1e-3
-"""Standard deviation of that drift, in V, and how its variance grows, m^2/s^3: winds and targets change meanwhile, by
-some .8 m/s in a minute, as the search takes it."""
+"""Standard deviation of the kept drift, as a share of V, and growth of its variance, m^2/s^3: the search assumes that
+wind and target velocity change by about 0.8 m/s in a minute."""
 
 
 class DriftEstimator(Estimator):
-    """Range, heading, turn rate and airspeed in; position relative to the target and drift out.
+    """Estimates position relative to the target and drift from range, heading, turn rate and airspeed.
 
-    Needs own motion that covers the moments of the ranges; without it, it is not ready. Samples that come late, twice
-    or out of order are refused. Ready as long as the bank may be trusted.
+    It is ready only if own motion covers the times of the ranges and the estimate is trusted. Late, repeated and
+    reordered samples are rejected.
     """
 
     def __init__(self, settings: EstimatorSettings) -> None:
@@ -44,18 +45,18 @@ class DriftEstimator(Estimator):
         self._sigma = 1.0
         self._astray = False
         self._asked: float | None = None
-        """Moment of the first estimate since the newest range, s."""
+        """Time of the first estimate since the newest range, s."""
         self._lately: tuple[float, Prior] | None = None
         self._before: tuple[float, Prior] | None = None
 
     @property
     def ready(self) -> bool:
-        """Whether the bank may be trusted, and has had the newest range."""
+        """True if the estimate is trusted and includes the newest range."""
         return bool(self.bank.trusted[0]) and not self._astray
 
     @property
     def nis(self) -> float | None:
-        """Normalised innovation squared of the newest sample; None while searching."""
+        """Normalized innovation squared of the newest sample, or None while searching."""
         return None if np.isnan(self.bank.nis[0]) else float(self.bank.nis[0])
 
     def move(self, motion: OwnMotion) -> None:
@@ -64,7 +65,7 @@ class DriftEstimator(Estimator):
     def observe(self, sample: RangeSample) -> Fused:
         knot, before = self._path.at(sample.time), self._used
         if knot is None:
-            self._astray = True  # ranges, but nobody knows how the vehicle flies: it does not do as it is told
+            self._astray = True  # a range without own motion: the vehicle may not follow its commands
             return Fused.ACCEPTED
         if before is not None and (knot.piece != before.piece or sample.time - before.motion.time > GAP):
             self._restart(sample.time)
@@ -82,7 +83,7 @@ class DriftEstimator(Estimator):
         return Fused.GATED if self.bank.refused[0] else Fused.ACCEPTED
 
     def observe_rate(self, sample: RateSample) -> None:
-        """Take in a range rate, unless it is older than the newest sample. A search goes by ranges alone."""
+        """Add a range rate, unless it is older than the newest sample. The search uses ranges only."""
         knot, before = self._path.at(sample.time), self._used
         if knot is None or before is None or knot.piece != before.piece or sample.time < before.motion.time:
             return
@@ -94,8 +95,9 @@ class DriftEstimator(Estimator):
         self._used = knot
 
     def at(self, time: float) -> RangeEstimate | None:
-        # One step of the flight asks for the estimate before its setpoint. A search takes some milliseconds, so it goes
-        # on with the next range, or when an estimate of a later moment is asked for.
+        # Each step requests the estimate before it sends its setpoint. A search iteration takes some milliseconds and
+        # would delay the setpoint. So the search continues at the next range, or when an estimate of a later time is
+        # requested.
         if self._asked is not None and time > self._asked:
             self.bank.search()
         self._asked = time if self._asked is None else self._asked
@@ -108,7 +110,7 @@ class DriftEstimator(Estimator):
         dt, chord = max(own.time - then.motion.time, 0.0), (knot.x - then.x, knot.y - then.y)
         felt = knot.felt_since(then)
         at = predict_belief(belief, dt, chord, heading=own.heading, airspeed=own.airspeed, felt=felt)
-        # without ranges a prediction gets worse
+        # without ranges, the uncertainty of the prediction grows
         bound = max(TRUSTED, GROWN * float(self.bank.spread[0]))
         steers = self.ready and at.r_variance / at.r**2 + at.direction_variance < bound**2
         relative = RelativeMotion(
@@ -135,9 +137,10 @@ class DriftEstimator(Estimator):
         )  # fmt: skip
 
     def _restart(self, now: float) -> None:
-        """Search anew. The wind, and the way of the target, are likely still what they were; as far as the bank has not
-        seen them change since. What it saw of a vehicle that soon proved not to do as it was told, is nothing."""
+        """Restart the search. The kept drift is its prior: wind and target velocity have probably changed little."""
         known = None
+        # Widen the prior by the change of drift that the track has shown since. If the vehicle turned out not to follow
+        # its commands, its own motion was wrong: ignore that change.
         if self._before is not None:
             time, known = self._before
             sigma = sqrt(known.drift**2 + FORGOTTEN * (now - time))
@@ -149,7 +152,7 @@ class DriftEstimator(Estimator):
         self.bank = DriftBank(self._settings, known=known)
 
     def _remember(self, now: float) -> None:
-        """Keep what is known of the drift now and then, and what was known before that."""
+        """Store drift and airspeed scale every MEMORY seconds, and keep the values before."""
         if self.ready and (self._lately is None or now - self._lately[0] > MEMORY):
             (dx, dy), scale = drift(self.bank.mean[:, 0]), float(self.bank.mean[KAPPA, 0])
             known = Prior(REMEMBERED * self._settings.speed, dx=float(dx), dy=float(dy), scale=scale)
@@ -172,18 +175,19 @@ class AutoEstimator(Estimator):
 
     @property
     def nis(self) -> float | None:
-        """Of the one that is believed."""
+        """Normalized innovation squared of the estimator in use."""
         return self.drift.nis if self.drift.ready else self.kalman.nis
 
     def restamp(self) -> None:
-        """Only `kalman` goes by the sensor's clock; where the target is, stays known."""
+        """Only `kalman` uses the sensor's clock. The target estimate is kept."""
         self.kalman.restamp()
 
     def move(self, motion: OwnMotion) -> None:
         self.drift.move(motion)
 
     def observe(self, sample: RangeSample) -> Fused:
-        """Take one sample in; refused is what fits neither, for a bank that has lost its place refuses the truth."""
+        """Add a sample. Reject it only if it fits neither estimator: `drift` rejects correct ranges while its position
+        is wrong."""
         by_drift, by_range = self.drift.observe(sample), self.kalman.observe(sample)
         return by_range if by_drift is Fused.GATED or not self.drift.ready else by_drift
 
@@ -192,7 +196,7 @@ class AutoEstimator(Estimator):
         self.kalman.observe_rate(sample)
 
     def at(self, time: float) -> RangeEstimate | None:
-        """The estimate predicted to a moment; with the relative motion, trusted or on trial, wherever there is one."""
+        """Return the estimate predicted to a time (s), with the relative motion if available, trusted or not."""
         by_drift = self.drift.at(time)
         if by_drift is not None and by_drift.relative is not None and by_drift.relative.trusted:
             return by_drift
@@ -206,12 +210,12 @@ class AutoEstimator(Estimator):
 
 
 def _step(before: Knot, after: Knot) -> tuple[Array, Array]:
-    """Time and path from one knot to the next."""
+    """Return time (s) and path (m) from one knot to the next."""
     dt = max(after.motion.time - before.motion.time, 0.0)
     return np.array([dt]), np.array([[after.x - before.x], [after.y - before.y]])
 
 
 def _felt(before: Knot | None, after: Knot) -> Felt | None:
-    """What was felt meanwhile, of one flight of a bank."""
+    """Return the accelerations measured between two knots as arrays for a single flight, or None."""
     felt = None if before is None else after.felt_since(before)
     return None if felt is None else Felt(*(np.array(part)[..., None] for part in felt))

@@ -1,4 +1,4 @@
-"""The estimators by their mission names."""
+"""Estimators by their names in mission files."""
 
 from collections.abc import Callable
 
@@ -9,12 +9,12 @@ from circnav_mav.guidance.estimators.unicycle import UnicycleEstimator
 from circnav_mav.guidance.types import RangeEstimate, RangeSample, RateSample
 
 APART = 0.25
-"""Most time, s, between the newest range and the newest rate that may steer."""
+"""Longest time, s, between the newest range and the newest rate that may steer."""
 
 
 class Measured(Estimator):
-    """`measured`: range and range rate as the radio measures them, with no filter in between: the paper as written. An
-    outlier steers, too, until the next."""
+    """`measured`: range and range rate as measured by the radio, unfiltered, as in the paper. An outlier affects the
+    command until the next sample."""
 
     nis: float | None = None
 
@@ -27,7 +27,7 @@ class Measured(Estimator):
 
     @property
     def ready(self) -> bool:
-        """Whether there are both, of about one moment."""
+        """True if range and range rate were measured at nearly the same time."""
         return self._range is not None and self._rate is not None and abs(self._range.time - self._rate.time) <= APART
 
     def observe(self, sample: RangeSample) -> Fused:
@@ -39,7 +39,7 @@ class Measured(Estimator):
         self._rate = sample
 
     def at(self, time: float) -> RangeEstimate | None:
-        """What was measured last; None before there are both."""
+        """Return the newest measurements, or None before both were received."""
         if self._range is None or self._rate is None:
             return None
         return RangeEstimate(time, self._range.r, self._rate.r_dot, self._range.sigma, self._rate.sigma)
@@ -55,5 +55,5 @@ ESTIMATORS: dict[str, Callable[[EstimatorSettings], Estimator]] = {
 
 
 def default_estimator(law_name: str) -> str:
-    """The estimator that a law wants: one that also finds the target, or range and range rate alone."""
+    """Return the default estimator of a law. Only `auto` and `drift` need the target's position."""
     return law_name if law_name in ("auto", "drift") else "kalman"

@@ -2,9 +2,10 @@
 
     r' = -V cos eta,   eta' = (V/r) sin eta - omega,   z = r + noise,   Doppler: z' = -V cos eta + noise
 
-eta = angle from the velocity to the line of sight, the target to the left positive. Knows V and omega but no wind: in
-drift W its r' is off by up to W. Two filters start at eta = +-90 deg, for range alone cannot tell left from right; the
-likelier one counts. Arrays: x (2, 2, B), P (2, 2, 2, B) for state, hypothesis, flight.
+eta = angle from the velocity to the line of sight, positive if the target is on the left. The model includes V and
+omega but no wind: in drift W the error of r' is up to W. Two filters start at eta = +90 and -90 deg because range alone
+does not distinguish left from right. The more likely one is used. Arrays: x (2, 2, B), P (2, 2, 2, B) for state,
+hypothesis, flight.
 """
 
 from copy import copy
@@ -18,22 +19,22 @@ from circnav_mav.guidance.maths import Batch, wrap
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample
 
 POSITION_PSD, ANGLE_PSD = 0.05**2, 0.03**2
-"""Process noise of r (m^2/s) and eta (rad^2/s): what wind and slip leave over."""
+"""Process noise of r (m^2/s) and eta (rad^2/s), for wind and side-slip."""
 CLOSEST = 5.0
-"""The angle is singular at the target: ranges count as at least this, m."""
+"""Smallest range of the state, m: the angle is singular at the target."""
 WEIGHT_MEMORY = 20.0
-"""Time constant, s, after which evidence for one side of the target counts no more; chosen."""
+"""Time constant, s, of the evidence for one side of the target; chosen."""
 LOST_AFTER = 10
-"""Refused samples in a row that start both filters anew."""
+"""Consecutive rejected samples after which both filters restart."""
 SURE = 0.5
-"""Standard deviation of eta, rad, above which the range rate is not worth steering by."""
+"""Standard deviation of eta, rad, above which the range rate may not steer."""
 MOST_TURNED, LEAST_CHORD = pi / 2, 0.9
-"""Turn, rad, over which one step carries the filters, and chord over way of an arc so long: beyond it, the chord tells
-neither way nor turn."""
+"""Largest turn in one prediction, rad, and the ratio of chord to path length of such an arc (pi/2: 0.9). The chord of a
+longer arc determines neither path length nor turn."""
 
 
 class UnicycleFilter:
-    """Both hypotheses for B flights that are stepped together."""
+    """Both hypotheses of B flights that are stepped together."""
 
     def __init__(self, gate: float, flights: int = 1) -> None:
         self._gate = gate
@@ -45,12 +46,12 @@ class UnicycleFilter:
 
     @property
     def likelier(self) -> tuple[Batch, Batch]:
-        """State (2, B) and covariance (2, 2, B) of the likelier hypothesis."""
+        """State (2, B) and covariance (2, 2, B) of the more likely hypothesis."""
         best, at = self.log_weight.argmax(axis=0), np.arange(self.nis.size)
         return self.x[:, best, at], self.P[:, :, best, at]
 
     def predict(self, V: Batch, turned: Batch, dt: float) -> None:
-        """Carry on by dt at airspeed V (B,) while the heading turns by `turned` (B,), by the midpoint rule."""
+        """Predict by dt (s) at airspeed V (B,), m/s, while the heading turns by `turned` (B,), rad: midpoint rule."""
         if dt <= 0:
             return
         r, eta = self.x
@@ -66,7 +67,7 @@ class UnicycleFilter:
         self.log_weight = self.log_weight * np.exp(-dt / WEIGHT_MEMORY)
 
     def update(self, z: Batch, sigma: Batch, arrived: Batch) -> None:
-        """Take in ranges z (B,) where they arrived; start where nothing fits any more."""
+        """Add ranges z (B,), m, where they arrived. Restart flights that rejected too many consecutive samples."""
         fits = self._fuse(z - self.x[0], np.array([1.0, 0.0])[:, None, None], sigma, arrived)
         refused = arrived & ~fits.any(axis=0)
         self.refused = np.where(arrived, np.where(refused, self.refused + 1, 0), self.refused)
@@ -74,7 +75,7 @@ class UnicycleFilter:
         self._start(z, sigma, arrived & (self.refused > LOST_AFTER))
 
     def update_rate(self, z: Batch, sigma: Batch | float, V: Batch, arrived: Batch) -> None:
-        """Take in range rates by Doppler, z (B,), m/s."""
+        """Add range rates measured by Doppler, z (B,), m/s."""
         eta = self.x[1]
         self._fuse(z + V * np.cos(eta), np.stack([np.zeros_like(eta), V * np.sin(eta)]), sigma, arrived)
 
@@ -107,7 +108,7 @@ class UnicycleFilter:
 
 
 class UnicycleEstimator(Estimator):
-    """The filter in flight. Needs own motion that covers the moments of the ranges; without it, it is not ready."""
+    """The filter in flight. It is ready only if own motion covers the times of the ranges."""
 
     def __init__(self, settings: EstimatorSettings) -> None:
         self._settings = settings
@@ -122,7 +123,7 @@ class UnicycleEstimator(Estimator):
 
     @property
     def ready(self) -> bool:
-        """Enough samples, and the angle known well enough."""
+        """True if the filter has enough samples and the standard deviation of the angle is below SURE."""
         _, P = self.filter.likelier
         return bool(self.filter.samples[0] >= self._settings.min_samples and P[1, 1, 0] < SURE**2)
 
@@ -137,6 +138,8 @@ class UnicycleEstimator(Estimator):
         knot, before = self._path.at(sample.time), self._used
         if knot is None:
             return Fused.ACCEPTED
+        # After a gap in own motion, or a turn of more than a quarter circle since the last range, the chord of the path
+        # does not determine the motion: restart.
         if before is not None and (knot.piece != before.piece or self._bent(before, knot)):
             self.filter, before = UnicycleFilter(self._settings.gate), None
         if before is not None:
@@ -176,7 +179,8 @@ class UnicycleEstimator(Estimator):
         )  # fmt: skip
 
     def _bent(self, before: Knot, after: Knot) -> bool:
-        """Whether the vehicle had the time for more than a quarter turn, and took it."""
+        """True if the vehicle may have turned by more than a quarter circle: enough time has passed, and the chord is
+        short."""
         dt = after.motion.time - before.motion.time
         way = after.motion.airspeed * dt
         return dt > self._longest and bool(np.hypot(after.x - before.x, after.y - before.y) < LEAST_CHORD * way)
