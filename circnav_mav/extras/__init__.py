@@ -1,1 +1,1 @@
-"""What is attached to the core: each package here can be deleted without touching the flight."""
+"""Extras of the core: each package here can be deleted without touching the flight."""

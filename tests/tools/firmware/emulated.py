@@ -37,7 +37,7 @@ ROWS: dict[str, tuple[str, ...]] = {
     "Plane, GPS off after 60 s, wind 5 + turbulence 1": ("arduplane", WIND(5), GUST(0.7), GPS_OFF),
     "Plane, 10 % outliers of 30 m + 30 % loss, wind 5": (
         "arduplane", WIND(5), "sim.ranging.outlier_fraction=0.1", "sim.ranging.dropout_fraction=0.3"),
-    "Plane, ranges .3 s late, wind 5": ("arduplane", WIND(5), "sim.ranging.latency_s=0.3"),
+    "Plane, ranges 0.3 s late, wind 5": ("arduplane", WIND(5), "sim.ranging.latency_s=0.3"),
     "Plane, LoRa-like ranges, wind 5": ("arduplane", WIND(5), *LORA),
     "Plane, airspeed 15 % above the mission's": ("arduplane", "sim.vehicle.cruise_speed_mps=25.3"),
     "Plane, ROLL_LIMIT_DEG 35, wind 5": ("arduplane", WIND(5), "sim.vehicle.max_bank_deg=34.4"),

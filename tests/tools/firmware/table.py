@@ -56,36 +56,36 @@ class Row:
 
 
 ROWS = (
-    Row("Plane R 150 V 22, calm", "plane", ".82 .. 1.71", "11.7 .. 14.1, 30 .. 35 %", 0.22, 1.0, "16.65 (.09)"),
-    Row("Plane, wind 5 + turbulence 1", "plane --wind 5 --turbulence 1", "3.06 .. 4.55", "17 .. 18.7, 47 %", 0.50, 4.0,
+    Row("Plane R 150 V 22, calm", "plane", "0.82 to 1.71", "11.7 to 14.1, 30 to 35 %", 0.22, 1.0, "16.65 (0.09)"),
+    Row("Plane, wind 5 + turbulence 1", "plane --wind 5 --turbulence 1", "3.06 to 4.55", "17 to 18.7, 47 %", 0.50, 4.0,
         "16.4 (2.0)"),
     Row("Plane, wind 8", "plane --wind 8", "1.92", "16.4, 40 %", 0.45, 6.0, "17.3 (3.1)"),
     Row("Plane, wind 6 + turbulence 3", "plane --wind 6 --turbulence 3", "6.9 not kept", "15.4, 22 %", 1.3, 8.0),
     Row("Plane, target at 4 m/s", "plane --target-speed 4", "1.30", "10.8, 19 %", 0.35, None),
     Row("Plane, GPS off after 60 s, wind 5 + turbulence 1", "plane --gps-off 60 --wind 5 --turbulence 1",
         "1.53 (no turbulence)", "11.8, 18 %", 0.55, None),
-    Row("Plane, 10 % outliers of 30 m + 30 % loss, wind 5", "plane --outliers .1 --loss .3 --wind 5", ".71",
+    Row("Plane, 10 % outliers of 30 m + 30 % loss, wind 5", "plane --outliers 0.1 --loss 0.3 --wind 5", "0.71",
         "11.3, 16 %", 0.30, None),
-    Row("Plane, ranges .3 s late, wind 5", "plane --delay .3 --wind 5", "1.96", "12.1, 22 %", 0.35, None),
+    Row("Plane, ranges 0.3 s late, wind 5", "plane --delay 0.3 --wind 5", "1.96", "12.1, 22 %", 0.35, None),
     Row("Plane, LoRa-like ranges, wind 5", "plane --preset lora --wind 5", "6.29", "18.1, 55 %", 1.6, None),
     Row("Plane, airspeed 15 % above the mission's", "plane --airspeed-off 1.15", "2.53", "10.7, 28 %", 0.30, None),
     Row("Plane, ROLL_LIMIT_DEG 35, wind 5", "plane --roll-limit 35 --wind 5", "4.9", "13, 40 %", 0.8, None),
-    Row("Copter R 30 V 5, calm", "copter", ".80, .81", "26 .. 30, 31 %", 0.12, 1.0, ".60 (.06)"),
-    Row("Copter, wind 5 + turbulence 1", "copter --wind 5 --turbulence 1", ".62, 3.29 not kept", "22.6 .. 36",
+    Row("Copter R 30 V 5, calm", "copter", "0.80, 0.81", "26 to 30, 31 %", 0.12, 1.0, "0.60 (0.06)"),
+    Row("Copter, wind 5 + turbulence 1", "copter --wind 5 --turbulence 1", "0.62, 3.29 not kept", "22.6 to 36",
         0.15, 1.0),
-    Row("Copter, target at 1 m/s", "copter --target-speed 1", ".33", "20.5, 13 %", 0.17, 3.0),
-    Row("Copter, UWB ranges, wind 5", "copter --preset uwb --wind 5", ".60", "25.7, 22 %", 0.18, 3.0),
-    Row("Rover R 20 V 3", "rover", ".11 .. .23", "10.7 .. 13", 0.08, 2.0, ".08"),
-    Row("PX4 copter R 50 V 5, calm", "px4_copter", ".93 .. 1.72", "-", 0.40, 2.0, ".97 (.38)"),
+    Row("Copter, target at 1 m/s", "copter --target-speed 1", "0.33", "20.5, 13 %", 0.17, 3.0),
+    Row("Copter, UWB ranges, wind 5", "copter --preset uwb --wind 5", "0.60", "25.7, 22 %", 0.18, 3.0),
+    Row("Rover R 20 V 3", "rover", "0.11 to 0.23", "10.7 to 13", 0.08, 2.0, "0.08"),
+    Row("PX4 copter R 50 V 5, calm", "px4_copter", "0.93 to 1.72", "-", 0.40, 2.0, "0.97 (0.38)"),
     Row("PX4 copter, wind 3", "px4_copter --wind 3", "1.5", "-", 0.45, 2.0),
     Row("PX4 copter, target at 1.1 m/s", "px4_copter --target-speed 1.1", "1.4, led away 57 m", "-", 0.60, 2.0),
-    Row("PX4 plane R 60 V 10 by stick, calm", "px4_plane", ".5 .. .8", "5 .. 10", 0.30, 2.0, ".52"),
-    Row("PX4 plane by stick, wind 2", "px4_plane --wind 2", ".5 .. .8", "5 .. 10", 0.30, 2.0),
-    Row("PX4 plane by attitude, calm", "px4_plane_attitude", ".4 .. .6", "5 .. 10", 0.30, 2.0),
-    Row("PX4 plane by attitude, wind 2", "px4_plane_attitude --wind 2", ".4 .. .6", "5 .. 10", 0.30, 2.0),
+    Row("PX4 plane R 60 V 10 by stick, calm", "px4_plane", "0.5 to 0.8", "5 to 10", 0.30, 2.0, "0.52"),
+    Row("PX4 plane by stick, wind 2", "px4_plane --wind 2", "0.5 to 0.8", "5 to 10", 0.30, 2.0),
+    Row("PX4 plane by attitude, calm", "px4_plane_attitude", "0.4 to 0.6", "5 to 10", 0.30, 2.0),
+    Row("PX4 plane by attitude, wind 2", "px4_plane_attitude --wind 2", "0.4 to 0.6", "5 to 10", 0.30, 2.0),
 )  # fmt: skip
 HEAD = (
-    "| flight | as shipped: RMS m | turn sd deg/s, at limit | now: RMS m, median (least .. most) | aim "
+    "| flight | as shipped: RMS m | turn sd deg/s, at limit | now: RMS m, median (least to most) | aim "
     "| turn sd deg/s (aim) | at limit | kept, right way round | settled s, own verdict | closest / R | led away m "
     "| most setpoints after the operator's mode was shown, in flights | own GPS circle: RMS (sd) m |\n"
     + 13 * "|---"
@@ -163,7 +163,7 @@ def _cells(row: Row, flown: list[dict[str, Any]]) -> list[str]:
     radius = flown[0]["flight"]["radius"]
     aim = "" if row.aim_turn is None else f" (<= {row.aim_turn:g})"
     return [
-        f"{median(rms):.2f} ({min(rms):.2f} .. {max(rms):.2f})",
+        f"{median(rms):.2f} ({min(rms):.2f} to {max(rms):.2f})",
         f"{row.aim:g}",
         f"{median(one['turn_sd'] or 0 for one in flown):.1f}{aim}",
         f"{100 * median(one['turn_at_limit'] or 0 for one in flown):.0f} %",
