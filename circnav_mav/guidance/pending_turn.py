@@ -10,12 +10,12 @@ from circnav_mav.guidance.turn_response import Response
 
 class Pending(NamedTuple):
     """Commanded turn that is not flown yet. turn: rad. ahead: delay of the response, s. settles: its settling rate,
-    1/s. told_late: delay of the reported turn rate, s. most: turn rate that the vehicle reaches, rad/s."""
+    1/s. measurement_delay: delay of the reported turn rate, s. most: turn rate that the vehicle reaches, rad/s."""
 
     turn: Array
     ahead: Array
     settles: Array = 10.0
-    told_late: float = 0.0
+    measurement_delay: float = 0.0
     most: Array = inf
 
 

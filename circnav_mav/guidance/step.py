@@ -50,7 +50,7 @@ FIRST_GUESS = 1.0
 """Time of acquisition, s, before its most likely hypothesis is flown."""
 PATIENCE = 6.0
 """Time, s, without a trusted target position after which the excitation starts."""
-WEAVE_SHARE, WEAVE_PERIOD = 0.7, 6.0
+EXCITATION_SHARE, EXCITATION_PERIOD = 0.7, 6.0
 """Excitation: amplitude in units of the turn-rate limit, and period, s. The heading swings by about 30 deg."""
 FADE = 0.2
 """Time constant of a handover, s."""
@@ -128,13 +128,13 @@ WHY = {
 
 
 class Handover(NamedTuple):
-    """State of the handover between laws. flies: the law that steered last; -1: none. favourite: number of the
+    """State of the handover between laws. flies: the law that steered last; -1: none. most_likely: number of the
     hypothesis flown last; -1: none. command: last command, rad/s. offset: decaying rest of the last change, rad/s.
     untrusted: time since the target position was last trusted, s. about: side of the turn during a departure, +1 left,
     else 0."""
 
     flies: Array = -1
-    favourite: Array = -1
+    most_likely: Array = -1
     command: Array = 0.0
     offset: Array = 0.0
     untrusted: Array = 0.0
@@ -144,30 +144,30 @@ class Handover(NamedTuple):
 AT_START = Handover()
 
 
-def hand_over(
-    before: Handover, dt: Number, *, trusted: Flag, favourite: Number, by_range: Number, by_bank: Number,
+def next_handover(
+    before: Handover, dt: Number, *, trusted: Flag, most_likely: Number, by_range: Number, drift_turn: Number,
     limit: Number, leaves: Number,
 ) -> Handover:  # fmt: skip
     """Return the handover state with the command of this step, for the counter-clockwise orbit.
 
-    favourite: number of the most likely hypothesis during acquisition, else -1. by_range, by_bank: turn rates of
-    feedforward and of the drift law, rad/s; by_bank is valid only while the relative motion is available. leaves: 0:
+    most_likely: number of the most likely hypothesis during acquisition, else -1. by_range, drift_turn: turn rates of
+    feedforward and of the drift law, rad/s; drift_turn is valid only while the relative motion is available. leaves: 0:
     not flying away from the target, 1: flying away at full speed.
     """
     untrusted = where(trusted, 0.0, before.untrusted + dt)
-    trial = logical_not(trusted) & (favourite >= 0) & (untrusted >= FIRST_GUESS - SAME_TIME)
+    trial = logical_not(trusted) & (most_likely >= 0) & (untrusted >= FIRST_GUESS - SAME_TIME)
     flies = where(trusted, Flies.DRIFT, where(trial, Flies.TRIAL, Flies.FEEDFORWARD))
-    on_trial = where(trial, favourite, -1)
-    weave = WEAVE_SHARE * limit * sin(2 * pi * untrusted / WEAVE_PERIOD)
-    by_bank = by_bank + where(trial & (untrusted > PATIENCE + SAME_TIME), weave, 0.0)
-    wanted = clip(where(flies == Flies.FEEDFORWARD, by_range, by_bank), -limit, limit)
+    on_trial = where(trial, most_likely, -1)
+    weave = EXCITATION_SHARE * limit * sin(2 * pi * untrusted / EXCITATION_PERIOD)
+    drift_turn = drift_turn + where(trial & (untrusted > PATIENCE + SAME_TIME), weave, 0.0)
+    wanted = clip(where(flies == Flies.FEEDFORWARD, by_range, drift_turn), -limit, limit)
     # A half circle to either side ends the departure, and the tightest one costs the least distance. Keep the side:
     # hypotheses and excitation change the sign of the command, and alternating turns would lead straight away from the
     # target.
     leaves, keeps = where(trusted, 0.0, leaves), (before.about != 0) & (untrusted > PATIENCE + SAME_TIME)
     about = where(leaves == 0, 0.0, where(keeps, before.about, where(wanted < 0, -1.0, 1.0)))
     wanted = wanted + leaves * (about * limit - wanted)
-    changed = (before.flies >= 0) & ((flies != before.flies) | (on_trial != before.favourite))
+    changed = (before.flies >= 0) & ((flies != before.flies) | (on_trial != before.most_likely))
     offset = where(changed, before.command - wanted, before.offset * exp(-dt / FADE))
     return Handover(flies, on_trial, clip(wanted + offset, -limit, limit), offset, untrusted, about)
 
@@ -212,9 +212,9 @@ def _with_relative_motion(
         drift_y = where(follows, drift_y + share * (relative.drift_y - drift_y), relative.drift_y)
         change = (relative.drift_x - drift_x) / CHANGE_TIME, (relative.drift_y - drift_y) / CHANGE_TIME
         (by_drift, offset), trusted = _by_drift(settings, relative, change, inputs), relative.trusted
-    handover = hand_over(
-        before.handover, dt, trusted=trusted, favourite=_tried(before.handover, settings, inputs),
-        by_range=by_range, by_bank=by_drift, limit=settings.limit, leaves=_leaves(settings, inputs),
+    handover = next_handover(
+        before.handover, dt, trusted=trusted, most_likely=_tried(before.handover, settings, inputs),
+        by_range=by_range, drift_turn=by_drift, limit=settings.limit, leaves=_leaves(settings, inputs),
     )  # fmt: skip
     demanded = where(handover.flies == Flies.FEEDFORWARD, by_range, by_drift)
     cut: Any = magnitude(handover.command) >= AT_LIMIT * settings.limit
@@ -250,7 +250,9 @@ def _by_drift(settings: StepSettings, relative: RelativeMotion, change: Pair, in
     p, d = (relative.x, relative.y), (relative.drift_x, relative.drift_y)
     here = mirrored(p, d, relative.heading, inputs.pending, settings.sense)
     V, r_d = maximum(relative.airspeed, 0.1 * settings.V), settings.r_d + inputs.trim
-    gains = drift_gains(V, inputs.pending.ahead + inputs.pending.told_late, inputs.pending.settles, inputs.share)
+    gains = drift_gains(
+        V, inputs.pending.ahead + inputs.pending.measurement_delay, inputs.pending.settles, inputs.share
+    )
     change = mirrored_pair(change, settings.sense)
     lap = lap_plan.plan(here[1], V=V, r_d=r_d, limit=minimum(settings.limit, inputs.pending.most))
     turn = drift(*here, V=V, r_d=r_d, max_turn_rate=settings.limit, gains=gains, change=change, lap=lap)

@@ -11,7 +11,7 @@ from circnav_mav.guidance.turn_monitor import TurnBin, TurnMonitor
 from circnav_mav.guidance.turn_response import Knowledge, Response, ResponseLearner, TurnBins
 from circnav_mav.guidance.types import OwnMotion
 
-TOLD_LATE = 0.2
+MEASUREMENT_DELAY = 0.2
 """Delay of a plane's reported turn rate behind its bank, s, as seen on ArduPlane 4.6.3; the side-slip estimate has the
 same delay. With gains for the delay of the bank alone, LoRa-like ranges cost 2.7 instead of 1.9 m of radius there."""
 SILENCE = 1.0
@@ -69,8 +69,8 @@ class TurnAnswer:
 
     def pending(self, now: float, turn_rate: Array) -> Pending:
         """Return the commanded turn that is not flown yet. turn_rate: of the vehicle now, rad/s."""
-        late = 0.0 if self.by_bank is None else TOLD_LATE
-        return self._pending.at(now, self.response, turn_rate)._replace(told_late=late, most=self.most)
+        late = 0.0 if self.by_bank is None else MEASUREMENT_DELAY
+        return self._pending.at(now, self.response, turn_rate)._replace(measurement_delay=late, most=self.most)
 
     def command(self, now: float, rate: float) -> None:
         """Record a commanded turn rate (rad/s) and the time (s) of its start."""

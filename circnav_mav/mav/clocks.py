@@ -34,7 +34,7 @@ Slower = Callable[[float, float], float]
 """(since, now) -> largest possible increase of the link delay at `since`, s; infinite while it is not measured."""
 
 
-def nobody_tells(since: float, now: float) -> float:
+def no_link_delay(since: float, now: float) -> float:
     """Return 0: the delay increase of a link that is not measured. See StampFilter."""
     return 0.0
 
@@ -73,7 +73,7 @@ class StampFilter:
     common, routes that become slower by a constant time are rare.
     """
 
-    def __init__(self, slower: Slower = nobody_tells, *, wrap: float | None = None, jump: float = JUMP) -> None:
+    def __init__(self, slower: Slower = no_link_delay, *, wrap: float | None = None, jump: float = JUMP) -> None:
         """slower: delay increase of the link. wrap: period of the stamps, s, None if they do not wrap. jump: backward
         step, s, that counts as a clock reset."""
         self._slower, self._wrap, self._jump = slower, wrap, jump

@@ -26,7 +26,7 @@ def turn_rate_from_yaw_rate(yaw_rate: YawRate) -> TurnRate:
     return TurnRate(-yaw_rate)
 
 
-def course_from_yaw(yaw: float) -> float:
+def heading_enu_from_yaw_ned(yaw: float) -> float:
     """Convert a NED heading (clockwise from north) to the paper's psi (counter-clockwise from east), rad in (-pi, pi].
 
     Accepts arrays.

@@ -9,13 +9,13 @@ from math import cos, hypot, nan, remainder, sin, tan, tau
 from typing import NamedTuple
 
 from circnav_mav.guidance.types import FeltVelocity, OwnMotion
-from circnav_mav.mav.clocks import BOOT_WRAP, Order, Slower, StampFilter, nobody_tells
+from circnav_mav.mav.clocks import BOOT_WRAP, Order, Slower, StampFilter, no_link_delay
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import (
     GRAVITY,
     YawRate,
-    course_from_yaw,
     euler_from_quaternion,
+    heading_enu_from_yaw_ned,
     level_from_body,
     push_from_tilt,
     turn_rate_from_yaw_rate,
@@ -122,7 +122,7 @@ class OwnMotionSensor:
     or reordered, and a heading with a time error of 0.2 s distorts the reconstructed path.
     """
 
-    def __init__(self, slower: Slower = nobody_tells) -> None:
+    def __init__(self, slower: Slower = no_link_delay) -> None:
         """slower: delay increase of the vehicle's link."""
         self._body: Attitude | None = None
         """Newest attitude, its yaw without resets by the autopilot."""
@@ -213,7 +213,7 @@ class OwnMotionSensor:
         body = self._attitude(now)
         if body is None:
             return None
-        psi, turn_rate = course_from_yaw(body.yaw), turn_rate_from_yaw_rate(body.yaw_rate)
+        psi, turn_rate = heading_enu_from_yaw_ned(body.yaw), turn_rate_from_yaw_rate(body.yaw_rate)
         own = OwnMotion(self._attitude_at, psi, turn_rate, airspeed, felt=self._accelerations.felt)
         roll, pitch = (min(max(angle, -MOST_TILT), MOST_TILT) for angle in (body.roll, body.pitch))
         if banks:
@@ -280,6 +280,6 @@ class Accelerations:
             self.felt = None
             return
         roll, pitch, yaw = attitude.at(time)
-        ax, ay = vector_from_level(*level_from_body(force, roll, pitch), course_from_yaw(yaw))
+        ax, ay = vector_from_level(*level_from_body(force, roll, pitch), heading_enu_from_yaw_ned(yaw))
         was = self.felt or FeltVelocity(0.0, 0.0, now)
         self.felt = FeltVelocity(was.x + ax * step, was.y + ay * step, was.since)

@@ -8,7 +8,7 @@ from circnav_mav.extension import extensions, load
 from circnav_mav.guidance.circle_change import LAPS
 from circnav_mav.guidance.laws import LAWS, settling_time, tolerated_drift
 from circnav_mav.guidance.margin import DESIGN_DRIFT, drift_with_margin, radius_with_margin
-from circnav_mav.guidance.turn_answer import TOLD_LATE
+from circnav_mav.guidance.turn_answer import MEASUREMENT_DELAY
 from circnav_mav.guidance.watches import MOST_TRIM
 from circnav_mav.mav.autopilots.table import REFUSED, allowed
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check, graded
@@ -175,7 +175,7 @@ def _margin(mission: Mission) -> Iterator[Check]:
     orbit, allowed_drift, delay = mission.orbit, drift_allowed(mission), mission.file.vehicle.turn_lag_s
     if mission.law.name not in DRIFT_LAWS or allowed_drift <= 0 or delay <= 0:
         return
-    late = TOLD_LATE if any(one.banks for one in mission.vehicles) else 0.0
+    late = MEASUREMENT_DELAY if any(one.banks for one in mission.vehicles) else 0.0
     V, r_d, loop = orbit.speed, orbit.radius, (delay, late, orbit.max_turn_rate)
     wanted = min(allowed_drift, DESIGN_DRIFT * V)
     kept = drift_with_margin(V, r_d, wanted, *loop)

@@ -10,7 +10,7 @@ from circnav_mav.guidance.lean_limit import LeanLimit
 from circnav_mav.guidance.turn_answer import TurnAnswer
 from circnav_mav.guidance.turn_response import Response
 from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, TurnCommand, TurnRate
-from circnav_mav.mav.autopilots.interface import Addressee
+from circnav_mav.mav.autopilots.interface import SetpointContext
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import YawRate, turn_rate_from_yaw_rate, yaw_rate_from_turn_rate
 from circnav_mav.mav.session import Session
@@ -205,9 +205,9 @@ class Controller:
         self._loop.reset()
         self._height = None
 
-    def _state(self, session: Session, now: float, *, engaged: bool) -> Addressee:
+    def _state(self, session: Session, now: float, *, engaged: bool) -> SetpointContext:
         """Return the context of a setpoint for the adapter. The height to hold is that of the engagement."""
         motion = session.motion.at(now)
         if engaged and self._height is None:
             self._height = motion.altitude
-        return Addressee(*session.vehicle_ids, motion=motion, height=self._height, drag=self.drag)
+        return SetpointContext(*session.vehicle_ids, motion=motion, height=self._height, drag=self.drag)

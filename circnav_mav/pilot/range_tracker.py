@@ -9,7 +9,7 @@ from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.table import ESTIMATORS
 from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.guidance.types import SAME_TIME, RangeEstimate, RangeSample, RateSample
-from circnav_mav.mav.clocks import nobody_tells
+from circnav_mav.mav.clocks import no_link_delay
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.identity import RADIO_NAME
 from circnav_mav.mav.ranging.interface import Reject
@@ -48,7 +48,7 @@ class RangeTracker:
         self.noise = NoiseCheck.of_ranges(speed, max_turn_rate)
         self._needs_altitude = settings.height.needs_altitude
         self.height = Height(settings.height)
-        slower = nobody_tells if self._apart else session.timesync.slower
+        slower = no_link_delay if self._apart else session.timesync.slower
         self.ranging = RangeReader(settings.ranging, self.noise, slower)
         self.rates = RangeRateReader(settings.ranging, self.ranging, NoiseCheck.of_rates(speed, max_turn_rate), speed)
         self.estimator = ESTIMATORS[settings.estimator](settings.estimation)

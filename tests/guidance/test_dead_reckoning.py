@@ -4,7 +4,7 @@ from math import cos, pi, sin
 
 import pytest
 
-from circnav_mav.guidance.estimators.dead_reckoning import EXTRAPOLATED, HOLE, OwnPath
+from circnav_mav.guidance.estimators.dead_reckoning import EXTRAPOLATED, HOLE, FlownPath
 from circnav_mav.guidance.types import OwnMotion
 
 V, OMEGA = 15.0, 0.4
@@ -19,8 +19,8 @@ def arc(t: float) -> tuple[float, float]:
     return V / OMEGA * (sin(OMEGA * t + 3.0) - sin(3.0)), -V / OMEGA * (cos(OMEGA * t + 3.0) - cos(3.0))
 
 
-def told(*times: float) -> OwnPath:
-    path = OwnPath()
+def told(*times: float) -> FlownPath:
+    path = FlownPath()
     for t in times:
         path.move(circling(t))
     return path
@@ -39,11 +39,11 @@ def test_a_steady_turn_is_an_arc_between_reports_and_beyond_them(t):
 @pytest.mark.parametrize("t", [-0.01, 0.41 + EXTRAPOLATED])
 def test_what_was_before_the_first_report_or_comes_long_after_the_newest_is_not_known(t):
     assert told(0.0, 0.2, 0.4).at(t) is None
-    assert OwnPath().at(t) is None
+    assert FlownPath().at(t) is None
 
 
 def test_between_two_reports_turn_rate_goes_from_one_to_the_other_and_airspeed_is_their_mean():
-    path = OwnPath()
+    path = FlownPath()
     path.move(OwnMotion(0.0, 0.0, 0.0, 10.0))
     path.move(OwnMotion(1.0, 0.0, 0.2, 14.0))
     knot = path.at(0.25)

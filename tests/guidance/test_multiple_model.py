@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
-from circnav_mav.guidance.estimators.multiple_model import DriftBank, Stage
+from circnav_mav.guidance.estimators.multiple_model import MultipleModelFilter, Stage
 from circnav_mav.guidance.estimators.relative_ekf import CLOSEST, KAPPA, STATES, R, update
 from circnav_mav.guidance.maths import chord
 from tests.guidance.relative import hypothesis, noise
@@ -24,7 +24,7 @@ class Flown:
     """A bank and the vehicle that it listens to, which turns steadily in the wind."""
 
     def __init__(self, flights=1):
-        self.bank, self.t, self.p = DriftBank(EstimatorSettings(V, 0.35), flights), 0.0, np.array(TARGET)
+        self.bank, self.t, self.p = MultipleModelFilter(EstimatorSettings(V, 0.35), flights), 0.0, np.array(TARGET)
 
     def hear(self, dt, sigma, r=None, error=0.0, valid=True):
         """Fly on for dt, s, and hear a range of standard deviation sigma, m: r, or the true one and its error, m."""
@@ -51,7 +51,7 @@ class Flown:
 @pytest.fixture(scope="module")
 def tracking():
     flown = Flown().listen(25.0)
-    assert flown.bank.stage[0] == Stage.TRACK
+    assert flown.bank.stage[0] == Stage.TRACKING
     return flown
 
 
@@ -76,7 +76,7 @@ def test_no_sequence_of_ranges_leaves_numbers_that_are_none_or_covariances_that_
         assert np.isfinite(bank.mean).all()
         assert np.isfinite(bank.covariance).all()
         x, P = bank.mean[:, 0], bank.covariance[..., 0]
-        spread = hypot(np.sqrt(P[R, R]) / x[R], np.sqrt(P[1, 1])) if bank.stage[0] == Stage.TRACK else np.inf
+        spread = hypot(np.sqrt(P[R, R]) / x[R], np.sqrt(P[1, 1])) if bank.stage[0] == Stage.TRACKING else np.inf
         assert bank.spread[0] == pytest.approx(spread)
         P = np.moveaxis(bank._tracks.P[..., 0], -1, 0) if bank._tracks.P.size else np.eye(STATES)[None]
         assert np.array_equal(P, P.swapaxes(1, 2))
@@ -100,11 +100,11 @@ def test_after_ranges_that_claim_what_none_can_the_target_is_known_again(trackin
 def test_a_track_that_is_no_number_any_more_is_searched_anew_and_takes_no_other_flight_with_it(part):
     """Two flights in one bank hear the same; the track of the first breaks."""
     broken, whole = Flown(flights=2).listen(25.0), Flown(flights=2).listen(25.0)
-    assert (broken.bank.stage == Stage.TRACK).all()
+    assert (broken.bank.stage == Stage.TRACKING).all()
     getattr(broken.bank._tracks, part)[KAPPA, ..., 0] = np.nan
     for flown in (broken, whole):
         flown.hear(STEP, 0.5)
-    assert broken.bank.stage.tolist() == [Stage.SEARCH, Stage.TRACK]
+    assert broken.bank.stage.tolist() == [Stage.SEARCH, Stage.TRACKING]
     assert broken.bank.trusted.tolist() == [False, True]
     assert np.isfinite(broken.bank.mean).all() and np.isfinite(broken.bank.covariance).all()
     assert np.array_equal(broken.bank.mean[:, 1], whole.bank.mean[:, 1])
@@ -137,7 +137,7 @@ def test_what_steers_steers_on_until_it_is_much_worse_and_again_only_when_it_is_
     for _ in range(200):
         flown.hear(STEP, 0.5)
         between |= 0.25 < bank.spread[0] < 0.5
-        assert bank.stage[0] == Stage.TRACK and bank.trusted[0] == (bank.spread[0] < 0.25)
+        assert bank.stage[0] == Stage.TRACKING and bank.trusted[0] == (bank.spread[0] < 0.25)
         if bank.trusted[0]:
             break
     assert between and bank.trusted[0]

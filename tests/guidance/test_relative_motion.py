@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from circnav_mav.guidance.estimators.interface import Fused
-from circnav_mav.guidance.estimators.multiple_model import DriftBank, Stage
+from circnav_mav.guidance.estimators.multiple_model import MultipleModelFilter, Stage
 from circnav_mav.guidance.estimators.relative_ekf import GX, GY, KAPPA
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator, DriftEstimator
 from circnav_mav.guidance.maths import chord
@@ -174,7 +174,7 @@ def test_a_jump_of_the_sensors_clock_leaves_the_target_where_it_was():
 def test_flights_that_hear_at_their_own_times_are_what_each_is_alone():
     """One starts late, one loses half of its ranges; a search has bins and a track has filters of its own time."""
     worlds, rng = [Circling(rng=np.random.default_rng(n)) for n in range(3)], np.random.default_rng(1)
-    together, alone = DriftBank(SETTINGS, 3), [DriftBank(SETTINGS) for _ in worlds]
+    together, alone = MultipleModelFilter(SETTINGS, 3), [MultipleModelFilter(SETTINGS) for _ in worlds]
     heard = np.full(3, np.nan)
     stages = []
     for t in np.arange(0.0, 30.0, 0.1):
@@ -192,7 +192,7 @@ def test_flights_that_hear_at_their_own_times_are_what_each_is_alone():
             assert together.mean[:, n] == pytest.approx(bank.mean[:, 0], rel=1e-4, abs=1e-4)
             assert together.spread[n] == pytest.approx(bank.spread[0], rel=1e-3)
         stages.append(tuple(together.stage))
-    assert stages[-1] == (Stage.TRACK,) * 3
+    assert stages[-1] == (Stage.TRACKING,) * 3
     assert len(set(stages)) > 3  # each found its target at its own time
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from circnav_mav.guidance.types import Direction, TurnRate
-from circnav_mav.mav.autopilots.interface import Addressee, VehicleFacts
+from circnav_mav.mav.autopilots.interface import SetpointContext, VehicleFacts
 from circnav_mav.mav.autopilots.parameters import Context
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
 from circnav_mav.mav.check_result import Grade
@@ -24,7 +24,7 @@ SPEED, TURN = 10.0, 0.2  # m/s; rad/s, left positive
 FACTS = VehicleFacts(speed=SPEED, max_bank=0.7, stick_bank=0.8)
 AT = 12.345
 LEVEL = Motion(roll=0.0, pitch=0.0, yaw=1.0, airspeed=SPEED, altitude=0.0, climb=0.5)
-STATE = Addressee(*VEHICLE_IDS, motion=LEVEL, height=-1.0)
+STATE = SetpointContext(*VEHICLE_IDS, motion=LEVEL, height=-1.0)
 BANK = atan(0.2 * 10.0 / 9.80665)  # of the coordinated turn
 SIDES = {"left": (TURN, -1), "right": (-TURN, 1), "straight": (0.0, 0)}  # turn rate, sense in MAVLink
 
@@ -70,7 +70,7 @@ def stick_frame(y: int) -> bytes:
     return frame(69, 243, struct.pack("<4hHB", 0, y, 500, 0, 0, 7))
 
 
-def sent(key: tuple[str, str], turn_rate: float | None, state: Addressee = STATE) -> bytes:
+def sent(key: tuple[str, str], turn_rate: float | None, state: SetpointContext = STATE) -> bytes:
     """The bytes of an adapter for a turn rate in the paper's frame, or of its safe setpoint."""
     adapter = AUTOPILOTS[key](FACTS)
     if turn_rate is None:
@@ -79,7 +79,7 @@ def sent(key: tuple[str, str], turn_rate: float | None, state: Addressee = STATE
     return Encoder(*US).encode(adapter.setpoint(steer, state, AT))
 
 
-def at_airspeed(airspeed: float | None) -> Addressee:
+def at_airspeed(airspeed: float | None) -> SetpointContext:
     return STATE._replace(motion=LEVEL._replace(airspeed=airspeed))
 
 

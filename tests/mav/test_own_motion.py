@@ -8,7 +8,7 @@ from math import atan2, cos, nan, pi, remainder, sin, sqrt
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.mav.frames import compass_from_vector, course_from_yaw
+from circnav_mav.mav.frames import compass_from_vector, heading_enu_from_yaw_ned
 from circnav_mav.mav.own_motion import Attitude, OwnMotionSensor
 from tests.rig import attitude as attitude_at_rest
 
@@ -30,7 +30,7 @@ def hud(**rest):
 )
 def test_north_is_up_and_east_is_right(yaw, course):
     """Heading clockwise from north, course counter-clockwise from east, in (-pi, pi]; and back, in [0, 2 pi)."""
-    assert course_from_yaw(yaw) == pytest.approx(course)
+    assert heading_enu_from_yaw_ned(yaw) == pytest.approx(course)
     assert compass_from_vector(cos(course), sin(course)) == pytest.approx(yaw % (2 * pi))
 
 

@@ -6,14 +6,14 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.mav.autopilots.interface import Addressee, VehicleFacts
+from circnav_mav.mav.autopilots.interface import SetpointContext, VehicleFacts
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
 from circnav_mav.mav.frames import YawRate, quaternion_from_euler
 from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.setpoint_guard import Limits, SetpointGuard, Steer, UnsafeSetpointError
 
 LIMITS = Limits(max_yaw_rate=0.35, max_speed=15.0)
-FOR = Addressee(1, 1, Motion(airspeed=15.0), None)
+FOR = SetpointContext(1, 1, Motion(airspeed=15.0), None)
 FLOATS = ("x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate")
 
 

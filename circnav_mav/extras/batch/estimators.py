@@ -8,7 +8,7 @@ import numpy as np
 from circnav_mav.extras.batch.range_rate import RangeRate, observe, observe_rate
 from circnav_mav.extras.batch.world import Truth, along
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
-from circnav_mav.guidance.estimators.multiple_model import DriftBank, Stage
+from circnav_mav.guidance.estimators.multiple_model import MultipleModelFilter, Stage
 from circnav_mav.guidance.estimators.relative_ekf import KAPPA, Felt, R, Rates, drift, position
 from circnav_mav.guidance.estimators.unicycle import SURE, UnicycleFilter
 from circnav_mav.guidance.maths import Array, chord, wrap
@@ -123,7 +123,7 @@ class Auto(Estimator):
         self._kalman = Kalman(settings, flights)
         cfg = replace(settings, speed=speed, gate=float(np.max(settings.gate)))
         self._parts = [slice(first, min(first + BLOCK, flights)) for first in range(0, flights, BLOCK)]
-        self._banks = [DriftBank(cfg, part.stop - part.start) for part in self._parts]
+        self._banks = [MultipleModelFilter(cfg, part.stop - part.start) for part in self._parts]
         self._speed = speed
         self._before: tuple[Array, Array] | None = None
 
@@ -161,7 +161,7 @@ class Auto(Estimator):
             V,
             x[KAPPA],
             trusted,
-            self._all("favourite"),
+            self._all("most_likely"),
         )
         v = V * along(measured.psi) + d
         r_dot = (p * v).sum(axis=0) / np.maximum(x[R], 1.0)

@@ -22,7 +22,7 @@ from circnav_mav.extras.campaign.plan import Run
 from circnav_mav.guidance.maths import Array
 from circnav_mav.guidance.step import StepSettings
 from circnav_mav.guidance.types import SAME_TIME
-from circnav_mav.mav.frames import YawRate, course_from_yaw, turn_rate_from_yaw_rate
+from circnav_mav.mav.frames import YawRate, heading_enu_from_yaw_ned, turn_rate_from_yaw_rate
 
 REPORTABLE_SIGMA = {
     "distance_sensor": (0.01, 0.1594),
@@ -36,8 +36,8 @@ def emulated_world(runs: Sequence[Run]) -> World:
     """Return vehicles, winds and targets. A copter that holds its speed over the ground does not drift in wind."""
     bodies = [starting_body(run.vehicle, (0.0, 0.0)) for run in runs]
     winds, targets = [run.vehicle.wind for run in runs], [run.vehicle.target for run in runs]
-    towards = _array(course_from_yaw(radians(wind.from_deg) + pi) for wind in winds)
-    courses = (course_from_yaw(atan2(t.velocity_east_mps, t.velocity_north_mps)) for t in targets)
+    towards = _array(heading_enu_from_yaw_ned(radians(wind.from_deg) + pi) for wind in winds)
+    courses = (heading_enu_from_yaw_ned(atan2(t.velocity_east_mps, t.velocity_north_mps)) for t in targets)
     turns = (turn_rate_from_yaw_rate(YawRate(radians(t.turn_rate_deg_s))) for t in targets)
     around = Surroundings(
         wind=_array(wind.speed_mps for wind in winds) * np.stack([np.cos(towards), np.sin(towards)]),
@@ -56,7 +56,7 @@ def emulated_world(runs: Sequence[Run]) -> World:
     places = zip(bodies, targets, strict=True)
     p = np.array([(body.east - target.east_m, body.north - target.north_m) for body, target in places]).T
     carried = _array(run.vehicle.vehicle.dynamics == "airborne" for run in runs)
-    psi = _array(course_from_yaw(body.heading) for body in bodies)
+    psi = _array(heading_enu_from_yaw_ned(body.heading) for body in bodies)
     return World(around, airframe, p, psi, _seeds(runs), carried)
 
 

@@ -27,7 +27,7 @@ from circnav_mav.extras.locate.handback import (
     Health,
 )
 from circnav_mav.extras.locate.place import Place, Plane
-from circnav_mav.extras.locate.watch import Culprit, GpsWatch, Look, angle_between
+from circnav_mav.extras.locate.watch import FaultSource, GpsWatch, Look, angle_between
 from circnav_mav.guidance.types import OwnMotion, RangeSample, RelativeMotion
 from circnav_mav.mav.clocks import BOOT_WRAP, Order, StampFilter
 from circnav_mav.mav.codec import Decoder, Encoder, Message
@@ -124,7 +124,7 @@ class Locator:
         self._solved_to = float("-inf")
         self._said_at = float("-inf")
         self._said: Place | None = None
-        self._culprit: Culprit | None = None
+        self._culprit: FaultSource | None = None
         self._aims, self._aimed = settings.camera, False
         self._aimed_at: Place | None = None
         self._alone = self._ended = False
@@ -235,7 +235,7 @@ class Locator:
         self.watch.see(Look(now, east, north, air, range_off, bearing_off))
         if bearing_off is not None and self.watch.trusts_positions:
             self._reckoning.compass.learn(rect(1.0, bearing_off[0]), now)
-        if self.watch.culprit is Culprit.BEACON and self.place is not None:
+        if self.watch.culprit is FaultSource.BEACON and self.place is not None:
             # The beacon has moved, or another beacon answers. Discard the estimate and start again.
             self.place = None
             self._track.clear()

@@ -30,7 +30,7 @@ CALM = 10.0
 """Time, s, without a disagreement after which the alarm ends."""
 
 
-class Culprit(Enum):
+class FaultSource(Enum):
     """Most likely faulty source."""
 
     GPS = "GPS"
@@ -56,7 +56,7 @@ class GpsWatch:
     """Compares every reported position with the other sources."""
 
     def __init__(self) -> None:
-        self.culprit: Culprit | None = None
+        self.culprit: FaultSource | None = None
         """Most likely faulty source now."""
         self.alarm = ""
         """Human-readable description of a lasting disagreement, or empty."""
@@ -74,7 +74,7 @@ class GpsWatch:
     @property
     def trusts_positions(self) -> bool:
         """True if reported positions may be used for the target estimate."""
-        return "range" not in self._failing and self.culprit is not Culprit.GPS
+        return "range" not in self._failing and self.culprit is not FaultSource.GPS
 
     def see(self, look: Look) -> None:
         """Compare the values at one time and update the alarm."""
@@ -123,12 +123,12 @@ class GpsWatch:
             return
         self._calm_since = None
         # A jump of the position fails the velocity comparison only once. Attribute range errors to the GPS for a while.
-        jumped = look.time - self._way_failed_at < RECENT or self.culprit is Culprit.GPS
-        by_range = Culprit.GPS if jumped else Culprit.BEACON
-        culprit = by_range if "range" in lasting else Culprit.COMPASS
-        off, _ = (look.bearing_off if culprit is Culprit.COMPASS else look.range_off) or (0.0, 0.0)
+        jumped = look.time - self._way_failed_at < RECENT or self.culprit is FaultSource.GPS
+        by_range = FaultSource.GPS if jumped else FaultSource.BEACON
+        culprit = by_range if "range" in lasting else FaultSource.COMPASS
+        off, _ = (look.bearing_off if culprit is FaultSource.COMPASS else look.range_off) or (0.0, 0.0)
         self.alarm = f"range and GPS disagree by {abs(off):.0f} m: {culprit.value} likeliest"
-        if culprit is Culprit.COMPASS:
+        if culprit is FaultSource.COMPASS:
             self.alarm = f"compass and GPS disagree by {degrees(abs(off)):.0f} deg of bearing: compass likeliest"
         if culprit is not self.culprit:
             self.told.append((look.time, self.alarm))

@@ -32,7 +32,7 @@ from mcap_protobuf.schema import register_schema
 from pydantic import BaseModel, Field, ValidationError
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.frames import course_from_yaw
+from circnav_mav.mav.frames import heading_enu_from_yaw_ned
 from circnav_mav.runlog.atomic_write import atomic_write
 from circnav_mav.runlog.events import events
 from circnav_mav.runlog.run_folder import Run
@@ -138,7 +138,7 @@ def foxglove_messages(run: Run) -> Iterator[Entry]:
 def _poses(topic: str, times: Column, places: Column, headings: Column) -> Iterator[Entry]:
     for time, place, heading in zip(times.tolist(), places.tolist(), headings.tolist(), strict=True):
         if isfinite(sum(place)) and isfinite(heading):
-            turn = course_from_yaw(heading)
+            turn = heading_enu_from_yaw_ned(heading)
             pose = Pose(position=Vector3(**_xyz(place)), orientation=Quaternion(z=sin(turn / 2), w=cos(turn / 2)))
             yield topic, time, PoseInFrame(frame_id=BEACON, pose=pose)
 

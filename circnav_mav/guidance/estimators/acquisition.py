@@ -85,7 +85,7 @@ class Guesses(NamedTuple):
         return Guesses(*(part[of] for part in self))
 
 
-class RingSearch:
+class Acquisition:
     """Searches of those of B flights that have no solution. The window of ranges is filled for all flights."""
 
     def __init__(self, settings: EstimatorSettings, flights: int, known: Prior | None = None) -> None:
@@ -94,7 +94,7 @@ class RingSearch:
         self._window = RangeWindow(flights, settings.speed)
         self._prior, self.remembers = known or self._nothing_known(), known is not None
         self.at = np.zeros(0, int)
-        self.favourite = np.zeros(0, int)
+        self.most_likely = np.zeros(0, int)
         self._guesses = all_round(np.zeros(0), self._prior)
         self._guessed = np.zeros(flights), np.zeros((2, flights))
 
@@ -111,7 +111,7 @@ class RingSearch:
         """Start searches of the flights `at`, on circles with the radii r (n,), m."""
         self._carry()
         self.at = np.concatenate([self.at, at])
-        self.favourite = np.concatenate([self.favourite, np.zeros(at.size, int)])
+        self.most_likely = np.concatenate([self.most_likely, np.zeros(at.size, int)])
         both = zip(self._guesses, all_round(r, self._prior), strict=True)
         self._guesses = Guesses(*(np.concatenate(parts) for parts in both))
 
@@ -132,8 +132,8 @@ class RingSearch:
         all_ = self._guesses
         all_.x[of], all_.cost[of], all_.damping[of] = g.x, g.cost, g.damping
         best = g.cost.argmin(axis=1)
-        better = g.cost[flights, best] < g.cost[flights, self.favourite[of]] - SWITCH
-        self.favourite[of] = np.where(better, best, self.favourite[of])
+        better = g.cost[flights, best] < g.cost[flights, self.most_likely[of]] - SWITCH
+        self.most_likely[of] = np.where(better, best, self.most_likely[of])
         x, cost = g.x[flights, best], g.cost[flights, best]
         # Accept a solution if it is precise, its drift is plausible and no hypothesis at another position fits nearly
         # as well. `scale` (the reduced chi-square) raises covariance and margin if the ranges are noisier than assumed.
@@ -149,14 +149,14 @@ class RingSearch:
             return None
         stay = np.delete(np.arange(self.at.size), of[found])
         self._guesses = self._guesses.some(stay)
-        self.at, self.favourite = self.at[stay], self.favourite[stay]
+        self.at, self.most_likely = self.at[stay], self.most_likely[stay]
         return at[found], x[found].T, np.moveaxis(P[found], 0, -1)
 
-    def favourites(self) -> Batch:
+    def most_likely_states(self) -> Batch:
         """Return the most likely hypothesis of each search, predicted to now, (5, n). It is not confirmed: good enough
         to try, not to trust."""
         then, path = self._guessed
-        x = self._guesses.x[np.arange(self.at.size), self.favourite].T
+        x = self._guesses.x[np.arange(self.at.size), self.most_likely].T
         step = (self._window.path - path)[:, self.at]
         p = x[:2] + x[4] * step + x[2:4] * (self._window.now - then)[self.at]
         return np.concatenate([p, x[2:]])

@@ -22,7 +22,7 @@ HOLE = 3.0
 """Longest gap between reports, s, in a continuous path. After a longer one the displacement is unknown."""
 
 
-class Knot(NamedTuple):
+class PathPoint(NamedTuple):
     """A point of the path: own motion there, and the path (x, y) integrated so far, m, at the measured airspeed.
 
     piece: number of gaps before this point. nose_x, nose_y: integral of the unit vector of the heading, s. report: the
@@ -37,14 +37,14 @@ class Knot(NamedTuple):
     nose_y: float = 0.0
     report: OwnMotion | None = None
 
-    def carried(self, motion: OwnMotion, airspeed: float, turned: float, step: float) -> "Knot":
+    def carried(self, motion: OwnMotion, airspeed: float, turned: float, step: float) -> "PathPoint":
         """Return the knot of a motion `step` seconds later, after an arc that turns by `turned` (rad)."""
         heading = self.motion.heading
         x, y = chord_parts(airspeed, heading, turned, step)
         nose_x, nose_y = _along(heading + turned / 2, step)  # midpoint rule
-        return Knot(motion, self.x + x, self.y + y, self.piece, self.nose_x + nose_x, self.nose_y + nose_y)
+        return PathPoint(motion, self.x + x, self.y + y, self.piece, self.nose_x + nose_x, self.nose_y + nose_y)
 
-    def felt_since(self, before: "Knot") -> ekf.Felt | None:
+    def felt_since(self, before: "PathPoint") -> ekf.Felt | None:
         """Return the accelerations measured since an earlier knot, or None if they do not cover this interval."""
         new, old = self.report or self.motion, before.report or before.motion
         if new.felt is None or old.felt is None or new.felt.since != old.felt.since:
@@ -58,26 +58,26 @@ class Knot(NamedTuple):
         )
 
 
-class OwnPath:
+class FlownPath:
     """Integrates arcs between reports. Drops late and repeated reports. A gap starts a new piece of path."""
 
     def __init__(self) -> None:
-        self._knots: deque[Knot] = deque(maxlen=KEPT)
+        self._knots: deque[PathPoint] = deque(maxlen=KEPT)
 
     def move(self, motion: OwnMotion) -> None:
         """Add a report of own motion."""
         if not self._knots:
-            self._knots.append(Knot(motion))
+            self._knots.append(PathPoint(motion))
             return
         last = self._knots[-1]
         step = motion.time - last.motion.time
         if step > HOLE:
-            self._knots.append(Knot(motion, last.x, last.y, last.piece + 1))
+            self._knots.append(PathPoint(motion, last.x, last.y, last.piece + 1))
         elif step > 0:
             turned = float(wrap(motion.heading - last.motion.heading))
             self._knots.append(last.carried(motion, (last.motion.airspeed + motion.airspeed) / 2, turned, step))
 
-    def at(self, time: float) -> Knot | None:
+    def at(self, time: float) -> PathPoint | None:
         """Return the point of the path at a time (s), interpolated or extrapolated, or None outside of the path."""
         if not self._knots:
             return None
@@ -96,7 +96,7 @@ class OwnPath:
         return None
 
 
-def _between(before: Knot, after: Knot, time: float) -> Knot:
+def _between(before: PathPoint, after: PathPoint, time: float) -> PathPoint:
     old, new = before.motion, after.motion
     step = time - old.time
     share = step / (new.time - old.time)
@@ -149,7 +149,7 @@ def predict_belief(
     """Return the estimate predicted by dt (s) along an air path `chord` (m, at the measured airspeed).
 
     heading (rad) and measured airspeed (m/s): at the end of the path. felt: measured accelerations, from
-    `Knot.felt_since`.
+    `PathPoint.felt_since`.
     """
     _, _, *steady_d, kappa, _, gx, gy, forward, sideways, ex, ey = belief.mean
     calm = exp(-dt / ekf.GUST_TIME)

@@ -1,11 +1,11 @@
 """Multiple-model filter of the relative motion: acquisition, then tracking with several noise models.
 
 SEARCH: hypotheses in all directions at the newest range, fitted to a window of the last seconds. When exactly one of
-them explains the ranges, the flight changes to TRACK.
+them explains the ranges, the flight changes to TRACKING.
 
-TRACK: one Kalman filter per noise model (drift from steady to gusty, range error from white to drifting), weighted by
-its likelihood. A model of negligible weight restarts from the mixture of its kind. If the samples keep falling outside
-the gate, the flight searches again at once, with the existing window.
+TRACKING: one Kalman filter per noise model (drift from steady to gusty, range error from white to drifting), weighted
+by its likelihood. A model of negligible weight restarts from the mixture of its kind. If the samples keep falling
+outside the gate, the flight searches again at once, with the existing window.
 
 Every array has a last axis B over flights. In a real flight B = 1.
 """
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from circnav_mav.guidance.estimators import relative_ekf as ekf
-from circnav_mav.guidance.estimators.acquisition import DRIFT_MOST, Prior, RingSearch
+from circnav_mav.guidance.estimators.acquisition import DRIFT_MOST, Acquisition, Prior
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.relative_ekf import STATES, THETA, Felt, Hypotheses, Noise, R, Rates
 from circnav_mav.guidance.maths import Batch
@@ -27,7 +27,7 @@ class Stage(IntEnum):
 
     EMPTY = 0
     SEARCH = 1
-    TRACK = 2
+    TRACKING = 2
 
 
 TRUSTED, KEPT, LOST = 0.25, 0.5, 0.6
@@ -56,7 +56,7 @@ FORGOTTEN, REVIVED = -12.0, -6.0
 """Log weight below which a model restarts from the mixture, and its log weight afterwards."""
 
 
-class DriftBank:
+class MultipleModelFilter:
     """Multiple-model filters of B flights that are stepped together. Input: `step`, or `observe` and `search`.
 
     mean (12, B), covariance (12, 12, B): the estimate. Arrays (B,): stage; nis of the most likely hypothesis; missed:
@@ -87,16 +87,16 @@ class DriftBank:
         """Newest range (dt, chord, z, sigma, valid), if not yet added to the search."""
         self._due: tuple[Batch, Batch] | None = None
         """True for flights whose search is due, (B,), and standard deviations of their ranges (B,), m."""
-        self._search = RingSearch(settings, flights, known)
+        self._search = Acquisition(settings, flights, known)
         self._tracking = np.zeros(0, int)
         self._tracks = _copies(self.mean[:, :0], self.covariance[..., :0])
         self._assume()
 
     @property
-    def favourite(self) -> Batch:
+    def most_likely(self) -> Batch:
         """Number of the most likely hypothesis of a search, (B,), or -1 without a search."""
         number = np.full(self.stage.size, -1)
-        number[self._search.at] = self._search.favourite
+        number[self._search.at] = self._search.most_likely
         return number
 
     @property
@@ -138,7 +138,7 @@ class DriftBank:
         found = self._search.go_on(due, sigma) if due.any() else None
         if found is not None:
             self._start(*found, sigma)
-        self._tell_favourites()
+        self._update_most_likely()
 
     def _hear(self) -> None:
         """Add the newest range to the search, and start searches of the flights with their first range."""
@@ -151,7 +151,7 @@ class DriftBank:
             self._search.begin(begin, z[begin])
         if self._search.at.size:
             self._due = due, sigma
-            self._tell_favourites()
+            self._update_most_likely()
 
     def _track(
         self, dt: Batch, chord: Batch, z: Batch, sigma: Batch, valid: Batch, felt: Felt | None, rates: Rates | None
@@ -205,7 +205,7 @@ class DriftBank:
         drift = np.hypot(*ekf.drift(self.mean))
         astray = (self.missed > MISSED) | (self.spread > LOST) | (drift > DRIFT_MOST * self._settings.speed)
         sound = np.isfinite(self.mean.sum(axis=0) + self.covariance.sum(axis=(0, 1)))
-        lost = (self.stage == Stage.TRACK) & (astray | ~sound)
+        lost = (self.stage == Stage.TRACKING) & (astray | ~sound)
         if not lost.any():
             return False
         stay = ~lost[self._tracking]
@@ -218,11 +218,11 @@ class DriftBank:
         self._search.forget()
         return True
 
-    def _tell_favourites(self) -> None:
+    def _update_most_likely(self) -> None:
         """Copy the most likely hypothesis of each search to the mean."""
         at = self._search.at
         if at.size:
-            x = self._search.favourites()
+            x = self._search.most_likely_states()
             self.mean[R, at], self.mean[THETA, at] = np.hypot(x[0], x[1]), np.arctan2(x[1], x[0])
             self.mean[ekf.DX : ekf.B, at], self.mean[ekf.B :, at] = x[ekf.DX :], 0.0
 
@@ -240,7 +240,7 @@ class DriftBank:
         self._tracking = np.concatenate([self._tracking, at])
         self._believe(at, mean, covariance)
         self._assume()
-        self.stage[at], self.missed[at] = Stage.TRACK, 0.0
+        self.stage[at], self.missed[at] = Stage.TRACKING, 0.0
 
 
 def _copies(mean: Batch, covariance: Batch) -> Hypotheses:

@@ -6,9 +6,9 @@ from math import sqrt
 import numpy as np
 
 from circnav_mav.guidance.estimators.acquisition import Prior
-from circnav_mav.guidance.estimators.dead_reckoning import Belief, Knot, OwnPath, predict_belief
+from circnav_mav.guidance.estimators.dead_reckoning import Belief, FlownPath, PathPoint, predict_belief
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
-from circnav_mav.guidance.estimators.multiple_model import TRUSTED, DriftBank, Stage
+from circnav_mav.guidance.estimators.multiple_model import TRUSTED, MultipleModelFilter, Stage
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
 from circnav_mav.guidance.estimators.relative_ekf import DX, DY, KAPPA, Felt, Rates, drift
 from circnav_mav.guidance.maths import Array
@@ -38,9 +38,9 @@ class DriftEstimator(Estimator):
         self.reset()
 
     def reset(self) -> None:
-        self.bank = DriftBank(self._settings)
-        self._path = OwnPath()
-        self._used: Knot | None = None
+        self.bank = MultipleModelFilter(self._settings)
+        self._path = FlownPath()
+        self._used: PathPoint | None = None
         self._range_at = float("-inf")
         self._sigma = 1.0
         self._astray = False
@@ -104,7 +104,7 @@ class DriftEstimator(Estimator):
         knot = self._path.at(time)
         if knot is None or self._used is None or knot.piece != self._used.piece or self.bank.stage[0] == Stage.EMPTY:
             return None
-        then, own, tracks = self._used, knot.motion, self.bank.stage[0] == Stage.TRACK
+        then, own, tracks = self._used, knot.motion, self.bank.stage[0] == Stage.TRACKING
         mean, covariance = tuple(self.bank.mean[:, 0].tolist()), self.bank.covariance[:, :, 0]
         belief = Belief(mean, covariance, *self.bank.assumed[:, 0].tolist())
         dt, chord = max(own.time - then.motion.time, 0.0), (knot.x - then.x, knot.y - then.y)
@@ -124,7 +124,7 @@ class DriftEstimator(Estimator):
             airspeed=at.airspeed,
             scale=belief.mean[KAPPA],
             trusted=steers,
-            trial=None if tracks else int(self.bank.favourite[0]),
+            trial=None if tracks else int(self.bank.most_likely[0]),
             drift_remembered=self.bank.remembers,
             feels=belief.feels if tracks and felt is not None else 0.0,
             drift_covariance=(covariance.item(DX, DX), covariance.item(DX, DY), covariance.item(DY, DY)),
@@ -144,12 +144,12 @@ class DriftEstimator(Estimator):
         if self._before is not None:
             time, known = self._before
             sigma = sqrt(known.drift**2 + FORGOTTEN * (now - time))
-            if self.bank.stage[0] == Stage.TRACK and not self._astray:
+            if self.bank.stage[0] == Stage.TRACKING and not self._astray:
                 dx, dy = drift(self.bank.mean[:, 0])
                 sigma = max(sigma, float(np.hypot(dx - known.dx, dy - known.dy)))
             known = replace(known, drift=sigma)
         self._lately = self._before
-        self.bank = DriftBank(self._settings, known=known)
+        self.bank = MultipleModelFilter(self._settings, known=known)
 
     def _remember(self, now: float) -> None:
         """Store drift and airspeed scale every MEMORY seconds, and keep the values before."""
@@ -209,13 +209,13 @@ class AutoEstimator(Estimator):
         )  # fmt: skip
 
 
-def _step(before: Knot, after: Knot) -> tuple[Array, Array]:
+def _step(before: PathPoint, after: PathPoint) -> tuple[Array, Array]:
     """Return time (s) and path (m) from one knot to the next."""
     dt = max(after.motion.time - before.motion.time, 0.0)
     return np.array([dt]), np.array([[after.x - before.x], [after.y - before.y]])
 
 
-def _felt(before: Knot | None, after: Knot) -> Felt | None:
+def _felt(before: PathPoint | None, after: PathPoint) -> Felt | None:
     """Return the accelerations measured between two knots as arrays for a single flight, or None."""
     felt = None if before is None else after.felt_since(before)
     return None if felt is None else Felt(*(np.array(part)[..., None] for part in felt))

@@ -13,7 +13,7 @@ from math import pi, sqrt
 
 import numpy as np
 
-from circnav_mav.guidance.estimators.dead_reckoning import Knot, OwnPath
+from circnav_mav.guidance.estimators.dead_reckoning import FlownPath, PathPoint
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.maths import Batch, wrap
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample
@@ -117,8 +117,8 @@ class UnicycleEstimator(Estimator):
 
     def reset(self) -> None:
         self.filter = UnicycleFilter(self._settings.gate)
-        self._path = OwnPath()
-        self._used: Knot | None = None
+        self._path = FlownPath()
+        self._used: PathPoint | None = None
         self._range_at = float("-inf")
 
     @property
@@ -178,14 +178,14 @@ class UnicycleEstimator(Estimator):
             eta=float(eta[0]),
         )  # fmt: skip
 
-    def _bent(self, before: Knot, after: Knot) -> bool:
+    def _bent(self, before: PathPoint, after: PathPoint) -> bool:
         """True if the vehicle may have turned by more than a quarter circle: enough time has passed, and the chord is
         short."""
         dt = after.motion.time - before.motion.time
         way = after.motion.airspeed * dt
         return dt > self._longest and bool(np.hypot(after.x - before.x, after.y - before.y) < LEAST_CHORD * way)
 
-    def _carry(self, unicycle: UnicycleFilter, before: Knot, after: Knot) -> None:
+    def _carry(self, unicycle: UnicycleFilter, before: PathPoint, after: PathPoint) -> None:
         turned = wrap(np.array([after.motion.heading - before.motion.heading]))
         dt = after.motion.time - before.motion.time
         V = np.hypot(after.x - before.x, after.y - before.y) / dt if dt > 0 else after.motion.airspeed

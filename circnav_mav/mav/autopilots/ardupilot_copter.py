@@ -6,7 +6,7 @@ from types import MappingProxyType
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.ardupilot import ARDUPILOT, FENCE, GCS_SYSTEM, ekf_action, gcs_failsafe
-from circnav_mav.mav.autopilots.interface import COPTER_TYPES, Addressee, Autopilot, body_velocity
+from circnav_mav.mav.autopilots.interface import COPTER_TYPES, Autopilot, SetpointContext, body_velocity
 from circnav_mav.mav.autopilots.parameters import (
     PASS,
     WARN,
@@ -93,6 +93,6 @@ class ArduCopter(Autopilot):
         FENCE,
     )
 
-    def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
+    def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
         """Return the setpoint of forward speed, yaw rate and the resulting acceleration to the right."""
         return body_velocity(self.MASK, to, now, steer, fed=(0.0, steer.speed * steer.yaw_rate, 0.0))

@@ -5,7 +5,7 @@ from types import MappingProxyType
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.ardupilot import ARDUPILOT, FENCE, GCS_SYSTEM, gcs_failsafe
-from circnav_mav.mav.autopilots.interface import PLANE_TYPES, Addressee, Autopilot, attitude
+from circnav_mav.mav.autopilots.interface import PLANE_TYPES, Autopilot, SetpointContext, attitude
 from circnav_mav.mav.autopilots.parameters import (
     Rule,
     bank_limit,
@@ -59,6 +59,6 @@ class ArduPlane(Autopilot):
         FENCE,
     )
 
-    def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
+    def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
         """Return the bank of the coordinated turn."""
         return attitude(self.MASK, to, now, roll=self.bank(steer, to))

@@ -5,7 +5,7 @@ from types import MappingProxyType
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.ardupilot import ARDUPILOT, FENCE, GCS_SYSTEM, ekf_action, gcs_failsafe
-from circnav_mav.mav.autopilots.interface import Addressee, Autopilot, body_velocity
+from circnav_mav.mav.autopilots.interface import Autopilot, SetpointContext, body_velocity
 from circnav_mav.mav.autopilots.parameters import PASS, Context, Verdict, at_least, mission_speed, rule
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.setpoint_guard import Steer
@@ -57,6 +57,6 @@ class ArduRover(Autopilot):
         FENCE,
     )
 
-    def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
+    def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
         """Return the setpoint of forward speed and yaw rate."""
         return body_velocity(self.MASK, to, now, steer)

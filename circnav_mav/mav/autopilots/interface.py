@@ -49,7 +49,7 @@ class VehicleFacts:
         return 1000 * min(max(bank / self.stick_bank, -1.0), 1.0)
 
 
-class Addressee(NamedTuple):
+class SetpointContext(NamedTuple):
     """Target ids and vehicle state that a setpoint may use.
 
     target_system, target_component: ids of the vehicle. motion: its own motion. height: altitude to hold, m above sea
@@ -147,10 +147,10 @@ class Autopilot(ABC):
         return Command(dialect.MAV_CMD_DO_SET_MODE, (dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, *numbers))
 
     @abstractmethod
-    def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
+    def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
         """Return the setpoint message for a command."""
 
-    def safe_setpoint(self, to: Addressee, now: float) -> Message:
+    def safe_setpoint(self, to: SetpointContext, now: float) -> Message:
         """Return the final setpoint before the stream ends: stop, or fly straight with level wings."""
         return self.setpoint(Steer(YawRate(0.0), 0.0), to, now)
 
@@ -166,7 +166,7 @@ class Autopilot(ABC):
         self._doubts_airspeed = not least <= measured <= most
         return commanded if self._doubts_airspeed else measured
 
-    def bank(self, steer: Steer, to: Addressee) -> float:
+    def bank(self, steer: Steer, to: SetpointContext) -> float:
         """Return the bank of the coordinated turn, atan(w V/g), within the mission's limit: rad, right positive."""
         airspeed, most = to.motion.true_airspeed(self.airspeed(to.motion.airspeed)), self._facts.max_bank
         return min(max(atan(steer.yaw_rate * airspeed / GRAVITY), -most), most)
@@ -194,7 +194,7 @@ def turn_in(message: Message) -> float | None:
 
 def body_velocity(
     mask: int,
-    to: Addressee,
+    to: SetpointContext,
     now: float,
     steer: Steer,
     *,
@@ -212,7 +212,9 @@ def body_velocity(
     )
 
 
-def attitude(mask: int, to: Addressee, now: float, *, roll: float, pitch: float = 0.0, thrust: float = 0.0) -> Message:
+def attitude(
+    mask: int, to: SetpointContext, now: float, *, roll: float, pitch: float = 0.0, thrust: float = 0.0
+) -> Message:
     """Return a SET_ATTITUDE_TARGET. roll, pitch: rad (right, nose up positive). thrust: 0 to 1. Rates and yaw are 0."""
     q, rates = quaternion_from_euler(roll, pitch, 0.0), (0.0, 0.0, 0.0)
     return dialect.MAVLink_set_attitude_target_message(

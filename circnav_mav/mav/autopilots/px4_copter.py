@@ -3,7 +3,7 @@
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.guidance.velocity_loop import VelocityLoop
-from circnav_mav.mav.autopilots.interface import COPTER_TYPES, Addressee, body_velocity
+from circnav_mav.mav.autopilots.interface import COPTER_TYPES, SetpointContext, body_velocity
 from circnav_mav.mav.autopilots.parameters import (
     Context,
     at_least,
@@ -60,14 +60,14 @@ class PX4Copter(PX4Vehicle):
         rule("MPC_TILTMAX_AIR", lean_limit, optional=True, advised=enough_lean(45.0)),
     )
 
-    def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
+    def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
         """Return the setpoint of forward speed, yaw rate and climb rate, with the feed-forward acceleration."""
         push, right = self.velocity_loop.fed(steer.speed, steer.yaw_rate, to.drag)
         # PX4 rotates velocities by the yaw alone, accelerations by the whole attitude: at 26 deg this is a 10 % error
         fed = body_from_level(push, right, to.motion.roll or 0.0, to.motion.pitch or 0.0)
         return body_velocity(self.MASK, to, now, steer, down=self._down(to), fed=fed)
 
-    def _down(self, to: Addressee) -> float:
+    def _down(self, to: SetpointContext) -> float:
         """Return the descent rate that corrects the height, m/s; 0 if one of the two heights is unknown."""
         altitude = to.motion.altitude
         if altitude is None or to.height is None:

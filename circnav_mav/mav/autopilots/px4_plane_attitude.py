@@ -4,7 +4,7 @@ from math import cos
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.autopilots.interface import PLANE_TYPES, Addressee, attitude
+from circnav_mav.mav.autopilots.interface import PLANE_TYPES, SetpointContext, attitude
 from circnav_mav.mav.autopilots.parameters import least_airspeed, most_airspeed, rule
 from circnav_mav.mav.autopilots.px4 import OFFBOARD_RULES, PX4Vehicle
 from circnav_mav.mav.codec import Message
@@ -36,7 +36,7 @@ class PX4PlaneAttitude(PX4Vehicle):
     least_turn_gain = 0.72  # as ArduPlane
     parameters = (*OFFBOARD_RULES, rule("FW_AIRSPD_MIN", least_airspeed), rule("FW_AIRSPD_MAX", most_airspeed))
 
-    def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
+    def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
         """Return the bank of the coordinated turn, with the pitch and thrust that hold height and speed."""
         roll = self.bank(steer, to)
         motion = to.motion

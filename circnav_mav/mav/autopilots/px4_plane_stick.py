@@ -4,7 +4,7 @@ from types import MappingProxyType
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.autopilots.interface import PLANE_TYPES, Addressee
+from circnav_mav.mav.autopilots.interface import PLANE_TYPES, SetpointContext
 from circnav_mav.mav.autopilots.parameters import (
     FAIL,
     PASS,
@@ -111,7 +111,7 @@ class PX4PlaneStick(PX4Vehicle):
         """True in AUTO modes, which ignore the stick; manual modes follow it. PX4 rejects ALTCTL without a stick."""
         return mode is not None and main_and_sub(mode)[0] == AUTO
 
-    def setpoint(self, steer: Steer, to: Addressee, now: float) -> Message:
+    def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
         """Return the stick position that holds the bank of the coordinated turn."""
         y = round(self._facts.stick(self.bank(steer, to)))
         return dialect.MAVLink_manual_control_message(to.target_system, 0, y, 500, 0, 0)

@@ -12,7 +12,7 @@ from circnav_mav.guidance.maths import horizontal, horizontal_rate
 from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.guidance.rate_check import RateCheck
 from circnav_mav.guidance.types import SAME_TIME, RangeSample, RateSample
-from circnav_mav.mav.clocks import JUMP, Order, Slower, StampFilter, nobody_tells
+from circnav_mav.mav.clocks import JUMP, Order, Slower, StampFilter, no_link_delay
 from circnav_mav.mav.codec import Message, ids
 from circnav_mav.mav.identity import AUTOPILOT_COMPONENT, Sender
 from circnav_mav.mav.ranging.interface import EXPLAINED, OTHERS, RangingSettings, Reading, Reject, boot_stamp
@@ -36,7 +36,7 @@ class RangeReader:
     """Converter of messages to samples, each measurement at most once and in the order of the sensor's clock."""
 
     def __init__(
-        self, settings: RangingSettings, noise: NoiseCheck | None = None, slower: Slower = nobody_tells
+        self, settings: RangingSettings, noise: NoiseCheck | None = None, slower: Slower = no_link_delay
     ) -> None:
         """noise: check of the reported sigma, None for no check. slower: delay increase of the ranges' link."""
         self._settings = settings

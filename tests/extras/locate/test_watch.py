@@ -5,7 +5,7 @@ from math import atan2, cos, hypot, pi, sin
 
 import pytest
 
-from circnav_mav.extras.locate.watch import Culprit, GpsWatch, Look
+from circnav_mav.extras.locate.watch import FaultSource, GpsWatch, Look
 from tests.extras.locate.flown import surveyed
 from tests.flight.lockstep import flight
 
@@ -34,7 +34,7 @@ def looks(fault, *, noise=1.0):
 
 
 @pytest.mark.parametrize(
-    ("fault", "culprit"), [("spoof", Culprit.GPS), ("beacon", Culprit.BEACON), ("compass", Culprit.COMPASS)]
+    ("fault", "culprit"), [("spoof", FaultSource.GPS), ("beacon", FaultSource.BEACON), ("compass", FaultSource.COMPASS)]
 )
 def test_what_fails_together_names_the_culprit_within_ten_seconds(fault, culprit):
     watch = GpsWatch()
