@@ -72,6 +72,7 @@ def _phases(axes: Axes, tracks: Tracks) -> None:
     unwrapped = np.unwrap(phases, axis=0)
     whole = on.all(axis=1)
     if not whole.any():
+        axes.set(title="Phases of the members: never all on the circle", xticks=[], yticks=[])
         return
     mean = np.where(whole, unwrapped.mean(axis=1), np.nan)
     for member in range(phases.shape[1]):
