@@ -33,6 +33,7 @@ EXITS = {
     Ending.COMPLETED: Exit.DONE,
     Ending.NOTHING_HEARD: Exit.NOTHING_HEARD,
     Ending.ABORTED: Exit.ABORTED,
+    Ending.TAKEN_OVER: Exit.ABORTED,
     Ending.INTERRUPTED: Exit.INTERRUPTED,
 }
 MOST_WATCHED = 10.0
@@ -46,7 +47,7 @@ def fly_mission(
     path: str, *, endpoint: str | None, overrides: tuple[str, ...], speed: float | None, duration: float | None,
     out: str | None, dry_run: bool, shadow: bool, **options: Any,
 ) -> int:  # fmt: skip
-    """Fly a mission with the options of `fly`, and return the exit code. options: those of extensions. Raises Refused
+    """Fly a mission with the options of `fly`, and return the exit code. options: of extensions. Raises Refused
     before the flight begins, or after a crash of the loop."""
     if (instead := carried_out_by("flies", options)) is not None:
         return int(
@@ -63,7 +64,7 @@ def fly_mission(
     given = (f"{key}={value}" for key, value in values.items() if value is not None)
     mission = read_mission(path, (*overrides, *given))
     if speed is not None and not mission.flies_sim:
-        raise Refused(f"--speed: only the bundled vehicle flies at another speed, not {mission.file.link.endpoint}")
+        raise Refused(f"--speed: only the bundled vehicle can be simulated faster, not {mission.file.link.endpoint}")
     refuse_failing(path, mission, shown=[Grade.WARN])
     _run_folder(out, mission)  # refuse a bad folder before opening anything
     with ExitStack() as watched_open:
@@ -121,14 +122,14 @@ def _run_folder(out: str | None, mission: Mission) -> Path:
     with refusing(own):
         for name in RECORDED:
             if (folder / name).exists():
-                raise Refused(f"--out {out}: holds {name} already, name another folder")
+                raise Refused(f"--out {out}: already holds {name}, name another folder")
         if own.exists() and read_text(own) != mission.text:
-            raise Refused(f"--out {out}: holds a mission.toml that is not as flown, name another folder")
+            raise Refused(f"--out {out}: holds another mission.toml, name another folder")
     return folder
 
 
 def _recorder(out: str | None, mission: Mission) -> Recorder:
-    """Open a recorder in a folder of its own, even if two flights start at once. Raises Refused."""
+    """Open a recorder in a new folder, even if two flights start at once. Raises Refused."""
     while True:
         try:
             return Recorder(_run_folder(out, mission), mission.text, mission.file.log.max_mb)

@@ -18,7 +18,7 @@ def preflight_file(path: str, endpoint: str | None, overrides: tuple[str, ...], 
     if not 1 <= seconds <= 600:
         raise Refused(f"--seconds: must be at least 1 and at most 600, not {seconds:g}")
     mission = read_mission(path, overrides if endpoint is None else (*overrides, f'link.endpoint="{endpoint}"'))
-    refuse_failing(path, mission)
+    of_mission = refuse_failing(path, mission)
     say(f"listening on {mission.file.link.endpoint} for {seconds:g} s, no setpoint is sent ...")
     with ExitStack() as open_things:
         signing, signing_time = open_signing(mission, open_things)
@@ -34,7 +34,7 @@ def preflight_file(path: str, endpoint: str | None, overrides: tuple[str, ...], 
     added = [line for extension in extensions() for one in extension.preflight for line in load(one)(mission)]
     lines = [*judge(mission, survey, clock_speed), *troubles, *added]
     show_checks(lines)
-    failed = show_counts(path, lines)
+    failed = show_counts(path, [*of_mission, *lines])
     if not survey.session.up:
         return Exit.NOTHING_HEARD
     return Exit.ABORTED if failed else Exit.DONE

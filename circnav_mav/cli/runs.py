@@ -40,7 +40,7 @@ def clean_runs(folder: str, older_than: str, keep: int, yes: bool) -> int:
         for run in old:
             say(f"{run.size / 1e6:8.1f} MB  {run.folder}{run.kept and f'   kept: {run.kept}'}")
         size = sum(run.size for run in doomed) / 1e6
-        which = f"older than {older_than}, without the newest {keep}"
+        which = f"older than {older_than}, except the newest {keep}"
         say(f"{len(doomed)} of {len(found)} runs: {which}: {size:.1f} MB")
         if doomed and not yes and not sys.stdin.isatty():
             say("Nothing is deleted without --yes.")
@@ -62,7 +62,7 @@ def find_runs(folder: Path) -> list[RunFolder]:
             size = sum(path.lstat().st_size for path in files.values())
             foreign = ", ".join(sorted(set(files) - made))
             flies = "its flight is being recorded" if is_held(files["flight.tlog"]) else ""
-            kept = flies or (foreign and f"{foreign} is not circnav's")
+            kept = flies or (foreign and f"{foreign} is not a file of circnav")
             found.append(RunFolder(place, files["flight.tlog"].stat().st_mtime, size, kept))
     return found
 

@@ -121,9 +121,9 @@ class Flies(IntEnum):
 
 
 WHY = {
-    Flies.FEEDFORWARD: "feedforward: the target is not found yet",
-    Flies.TRIAL: "trying the likeliest place of the target",
-    Flies.DRIFT: "drift: target and drift are known",
+    Flies.FEEDFORWARD: "feedforward: no target position yet",
+    Flies.TRIAL: "flying to the likeliest target position",
+    Flies.DRIFT: "drift: target and drift are estimated",
 }
 
 

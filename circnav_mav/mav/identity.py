@@ -11,7 +11,7 @@ from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.codec import Ids, Message, ids
 from circnav_mav.mav.framing import V2
 
-SPEAKS_1 = "speaks MAVLink 1 only: set its port to MAVLink 2 (ArduPilot: SERIALn_PROTOCOL = 2)"
+SPEAKS_1 = "sends MAVLink 1 only: set its port to MAVLink 2 (ArduPilot: SERIALn_PROTOCOL = 2)"
 AUTOPILOT_COMPONENT = dialect.MAV_COMP_ID_AUTOPILOT1
 NO_AUTOPILOT = (dialect.MAV_AUTOPILOT_INVALID, dialect.MAV_AUTOPILOT_GENERIC)
 MOVES_AFTER = 1.5
@@ -78,7 +78,7 @@ class Rivals:
     def recent(self, now: float) -> list[str]:
         """Return one line per identity for the operator."""
         return [
-            f"{name} has a second sender: {rival} is rejected, {trusted} counts"
+            f"{name} has a second sender: {rival} is rejected, {trusted} is used"
             for name, (rival, trusted, at) in self._newest.items()
             if now - at <= RIVAL_KEPT
         ]
@@ -217,16 +217,16 @@ class Identity:
         """Return why this is not our vehicle, human-readable; empty if it is."""
         wanted, system = self._settings.system_id, f"system {who.system}"
         if who.system == 0:  # 0 is the broadcast address
-            return f"{system} is no id of a vehicle: set its system id to 1 .. 255"
+            return f"{system} is no id of a vehicle: set its system id to 1 to 255"
         if self.home is not None and who.ids != self.home.ids:
-            return f"{system} is not the vehicle heard first, system {self.home.system}"
+            return f"{system} is not the vehicle received first, system {self.home.system}"
         if wanted is not None and who.system != wanted:
             return f"{system} is not the mission's vehicle.system_id {wanted}"
         if adapter is None:
             known = " or ".join(one.name for one in self._adapters)
             return f"{system} is {describe_vehicle(heartbeat)}, the mission is for {known}"
         if self.home is not None and adapter is not self.adapter:
-            return f"{system} is {describe_vehicle(heartbeat)} now, not the vehicle heard first"
+            return f"{system} is {describe_vehicle(heartbeat)} now, not the vehicle received first"
         if heartbeat.get_msgbuf()[0] != V2:
             self.greet(who.source, now)  # our MAVLink 2 heartbeat makes many autopilots switch over
             return f"{system} {SPEAKS_1}"

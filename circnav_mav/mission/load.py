@@ -137,9 +137,9 @@ def _check_numbers(mission: Mission, where: str) -> None:
             mission.pilot_settings()
             _ = mission.loop_lag
     except ArithmeticError as error:
-        reason = str(error.args[-1]) if error.args else "no number"
+        reason = str(error.args[-1]) if error.args else "not a finite number"
         raise MissionError(
-            f"{where}: speed, radius, rate or noise is too small or too large to compute with ({reason.lower()})"
+            f"{where}: speed, radius, rate or noise is too small or too large ({reason.lower()})"
         ) from None
 
 
@@ -172,6 +172,8 @@ def _make_absolute(table: Any, folder: Path, where: str) -> None:
     for key, place in tables.items():
         if isinstance(place, Mapping) and isinstance(name := place.get("key_file"), str) and name:
             if "\0" in name:
-                raise MissionError(f"{where}: {key}.key_file: {name!r} holds a character that no file's name has")
+                raise MissionError(
+                    f"{where}: {key}.key_file: {name!r} contains a character that is not allowed in file names"
+                )
             # not Path.expanduser, which raises for an unknown user
             place["key_file"] = str((folder / os.path.expanduser(name)).absolute())  # type: ignore[index]

@@ -29,7 +29,7 @@ class ModeRequest:
 
     def ask(self, session: Session, mode: int, now: float) -> str | None:
         """Request the mode again if a request is due. Return the reason if it failed for good, else None."""
-        said = f', the vehicle says "{session.texts[-1]}"' if session.texts else ""
+        said = f', the vehicle reports "{session.texts[-1]}"' if session.texts else ""
         refusals = [result for result in session.take_mode_results() if not result.accepted]
         if refusals:
             self._due = float("-inf")
@@ -76,7 +76,7 @@ class ExitAction:
         this takes too long."""
         if now - since <= PATIENCE:
             return False
-        self.failure = "exit action not requested: not known who has the vehicle"
+        self.failure = "exit action not requested: no report of the vehicle's mode"
         return True
 
     def at_once(self, session: Session) -> list[Message]:

@@ -23,11 +23,11 @@ from circnav_mav.mav.session import LOST_AFTER, Session
 from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
 from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.air_path import AirPath
-from circnav_mav.pilot.authority import SILENT, TAKEN_OVER, Allowed, Authority
+from circnav_mav.pilot.authority import SILENT, Allowed, Authority
 from circnav_mav.pilot.conditions import NOT_FOLLOWING, Conditions
 from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.controller import Controller
-from circnav_mav.pilot.mission_state import Ending, Event, MissionState, Outcome, Phase
+from circnav_mav.pilot.mission_state import NO_FAILURE, Ending, Event, MissionState, Outcome, Phase
 from circnav_mav.pilot.mode_request import ExitAction
 from circnav_mav.pilot.parameters import FlightParameters
 from circnav_mav.pilot.range_tracker import RangeTracker
@@ -217,7 +217,7 @@ class Pilot:
 
     def _watch_takeover(self, now: float) -> None:
         """Stop sending setpoints in the same step in which a takeover is detected."""
-        takeover = self._authority.watch_takeover()
+        takeover = self._authority.watch_takeover(now)
         if self._authority.rebooted:
             self.tracker.estimator.reset()
         if takeover is None:
@@ -228,17 +228,17 @@ class Pilot:
         self.tracker.ranging.sender_stays = False
         if self.mission.outcome is not None:  # in LEAVING, the change of mode is the exit action taking effect
             return
-        what, reason = takeover
+        what, outcome = takeover
         self._say("yield", what, severity=MAV_SEVERITY_WARNING)
         if self.settings.end_on_takeover:
-            self._finish(Outcome(Ending.ABORTED, reason), now)
+            self._finish(outcome, now)
 
     def _watch_bounds(self, estimate: RangeEstimate | None, now: float) -> None:
         """End the flight if a bound is violated while steering, or if another companion uses our MAVLink ids."""
         session = self.session
         if session.doubled:
             ids = f"{session.encoder.system}/{self.settings.link.component_id}"
-            reason = f"another companion sends as {ids}: give one of us another component_id"
+            reason = f"another companion sends with our ids {ids}: change link.component_id of one of them"
             self._finish(Outcome(Ending.ABORTED, reason), now)
         if not self.mission.steering:
             return
@@ -294,8 +294,7 @@ class Pilot:
     def _finish(self, outcome: Outcome, now: float) -> None:
         if self.mission.finish(outcome, now, ours=self._authority.may_be_ours(now)):
             self.session.drop_mode_requests()
-            told = outcome.ending is Ending.COMPLETED or outcome.reason.startswith(TAKEN_OVER)
-            severity = MAV_SEVERITY_NOTICE if told else MAV_SEVERITY_WARNING
+            severity = MAV_SEVERITY_NOTICE if outcome.ending in NO_FAILURE else MAV_SEVERITY_WARNING
             self._say("end", f"ended, {outcome.reason}", severity=severity)
 
     # --- the setpoint
@@ -311,7 +310,7 @@ class Pilot:
             if allowed is Allowed.SAFE:
                 return self.controller.safe_setpoint(self.session, now, engaged=False), None
         except UnsafeSetpointError as error:
-            reason = f"internal error, unsafe setpoint held back: {error}"
+            reason = f"internal error, unsafe setpoint not sent: {error}"
             self._finish(Outcome(Ending.ABORTED, reason), now)
         return None, None
 

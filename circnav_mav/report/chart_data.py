@@ -53,7 +53,7 @@ class Track(NamedTuple):
 
     @property
     def known(self) -> NDArray[np.intp]:
-        """Indices of the known points."""
+        """Indices of the estimated points."""
         return np.flatnonzero(np.isfinite(self.east) & np.isfinite(self.north))
 
 
@@ -145,7 +145,7 @@ def _rate(time: Column, counted: Column, span: tuple[float, float]) -> tuple[Col
 
 
 def peaks(values: Column, stretches: int = STRETCHES) -> NDArray[np.intp]:
-    """Return the indices of at most two samples per stretch, which preserve every peak, and of one per gap."""
+    """Return the indices of at most two samples per stretch, which preserve every peak, and one per gap."""
     if len(values) <= 2 * stretches:
         return np.arange(len(values))
     keep: list[int] = []

@@ -80,9 +80,9 @@ def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
 
 
 def tlog_steps(path: Path, ours: int, clock: "LogClock | None" = None) -> Iterator[LoopStep]:
-    """Yield steps reconstructed from a plain tlog. Frames of one timestamp are received together, on one link.
+    """Yield steps reconstructed from a plain tlog. Frames with the same timestamp are received together, on one link.
 
-    ours: component id of circnav, whose frames are left out because they were sent. clock: records where the clock of
+    ours: component id of circnav: its frames are left out because they were sent. clock: records where the clock of
     the timestamps was set. Step times start at the first timestamp and never decrease. Raises OSError.
     """
     clock = LogClock() if clock is None else clock
@@ -129,14 +129,16 @@ class LogClock:
         return self._run / 1e6
 
     def __str__(self) -> str:
-        """Describe the problems of the timestamps. Empty if there are none."""
+        """Describe the problems of the timestamps. Empty for none."""
         problems = []
         if self.steps:
             at, size = max(self.steps, key=lambda step: abs(step[1]))
             how_many = "1 time" if len(self.steps) == 1 else f"{len(self.steps)} times, at most"
-            problems.append(f"its clock steps {how_many} by {size:+.1f} s (at {at:.1f} s), which is taken for no time")
+            problems.append(f"its clock steps {how_many} by {size:+.1f} s (at {at:.1f} s), which is ignored")
         if self.lone:
-            how_many = "1 lone stamp is" if len(self.lone) == 1 else f"{len(self.lone)} lone stamps are, at most,"
+            how_many = (
+                "1 single timestamp is" if len(self.lone) == 1 else f"{len(self.lone)} single timestamps are, at most,"
+            )
             problems.append(f"{how_many} off by {max(self.lone, key=abs):+.1f} s")
         return "; ".join(problems)
 
@@ -154,7 +156,7 @@ _OF_ANOTHER = (Reject.WRONG_SOURCE.value, Reject.OTHER_SENSOR.value, Reject.AMBI
 
 @dataclass(slots=True)
 class RangeCounts:
-    """Counts of the ranges of one source. ignored: those that fit the mission while another source was used."""
+    """Counts of the ranges of a source. ignored: ranges that fit the mission while another source was used."""
 
     messages: int = 0
     taken: int = 0
@@ -189,7 +191,7 @@ class LogSources:
 
     @property
     def candidates(self) -> list[RangeSource]:
-        """Sources that fit the mission, if there are several and the mission does not select one."""
+        """Sources that fit the mission, if several do and the mission does not select one."""
         named = self.settings.system_id is not None or self.settings.component_id is not None
         fit = [source for (_, source), counts in self.ranging.items() if counts.taken or (counts.ignored and not named)]
         return fit if len(fit) > 1 else []

@@ -118,14 +118,14 @@ def open_run(folder: Path) -> Run:
     _check_types(folder / "summary.json", summary, _Summary)
     epoch = manifest.get("epoch_us") or summary.get("epoch_us")
     if type(epoch) is not int or not 0 < epoch < YEAR_2100_US:
-        raise RunError(f"{folder}: neither manifest.json nor summary.json tells when the run began (epoch_us)")
+        raise RunError(f"{folder}: neither manifest.json nor summary.json has the start time of the run (epoch_us)")
     with _refusing(folder / "mission.toml"):
         text = read_text(folder / "mission.toml")
     return Run(folder, text, manifest, summary, epoch)
 
 
 def _table(path: Path) -> dict[str, Any]:
-    """Return the table of a JSON file. Empty if there is no such file, or no table in it. Raises RunError."""
+    """Return the table of a JSON file. Empty without the file, or without a table in it. Raises RunError."""
     with _refusing(path):
         table = read_json(path) if path.exists() else {}
         return table if isinstance(table, dict) else {}

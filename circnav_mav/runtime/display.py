@@ -42,7 +42,7 @@ class PlainScreen:
         if not (ended and self._ended):
             self._print(one_line(status))
         if status.flown is not None:
-            self._print_new("BELIEVED", status.believed, status.believed)
+            self._print_new("TRUSTED", status.believed, status.believed)
         for label, words in status.added.items():
             self._print_new(label.upper(), words, kind(words))
         waits, self._waits = self._waits, kind(status.waits)
@@ -52,7 +52,7 @@ class PlainScreen:
             self._print(f"  ALARM    {alarm}")
 
     def close(self) -> None:
-        """Do nothing: there is no state to restore."""
+        """Do nothing: no state to restore."""
 
     def _print_new(self, label: str, text: str, about: str) -> None:
         """Print a text under this label unless it is of the same kind as the last one."""

@@ -10,7 +10,7 @@ from typing import Any
 
 REMEDIES: dict[int | None, str] = {
     errno.EADDRINUSE: "port is in use by another program: close it, or choose another port",
-    errno.ECONNREFUSED: "nobody listens there (connection refused)",
+    errno.ECONNREFUSED: "connection refused: no program listens at this address",
     errno.ENOENT: "no such device",
     errno.EAGAIN: "TX buffer full: lower stream rates or raise the baud rate",
 }
@@ -78,6 +78,6 @@ def explain(error: Exception) -> str:
     if isinstance(error, termios.error):  # not an OSError, but has the same arguments
         error = OSError(*error.args)
     if isinstance(error, socket.gaierror | UnicodeError):  # UnicodeError: `10.0..1` cannot be a name
-        return "host name is not known"
+        return "unknown host name"
     said = getattr(error, "strerror", None) or error
     return REMEDIES.get(getattr(error, "errno", None), str(said).lower())

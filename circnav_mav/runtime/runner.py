@@ -75,7 +75,7 @@ def run(
 
 
 class Loop:
-    """Loop of one flight, run step by step."""
+    """Loop of a flight, run step by step."""
 
     def __init__(
         self, pilot: Pilot, links: Mapping[str, Link], clock: Clock, recorder: Recorder, onlookers: Onlookers

@@ -125,7 +125,7 @@ class AlarmLog(Onlooker):
 
 
 def kind(text: str) -> str:
-    """Return a text up to its first digit. Texts that differ only in numbers are of one kind."""
+    """Return a text up to its first digit. Texts that differ only in numbers are of the same kind."""
     return "".join(takewhile(lambda letter: not letter.isdecimal(), text))
 
 
@@ -144,7 +144,7 @@ def told(status: Status, settings: PilotSettings, most_reasons: int | None = Non
     desired = tick.desired or orbit.radius
     measured = "" if tick.measured_rate is None else f"   measured {tick.measured_rate:+.2f} m/s"
     turn = shown(None if tick.turn_rate is None else degrees(tick.turn_rate), "{:+.1f}")
-    at_limit = "   AT ITS LIMIT" if tick.saturated else ""
+    at_limit = "   AT THE LIMIT" if tick.saturated else ""
     refused = sum(status.rejected.values())
     reasons = [f"{count} {reason}" for reason, count in status.rejected.items()]
     more = ", ..." if len(reasons[:most_reasons]) < len(reasons) else ""
@@ -179,16 +179,16 @@ def _with_sigma(value: float | None, sigma: float | None, form: str, unit: str) 
 def _vehicle(pilot: Pilot) -> str:
     """Return autopilot and firmware, as far as received."""
     session = pilot.session
-    name = session.adapter.name if session.up else "vehicle not known"
-    return f"{name}, firmware {session.vehicle.firmware or 'not known'}"
+    name = session.adapter.name if session.up else "no vehicle yet"
+    return f"{name}, firmware {session.vehicle.firmware or 'unknown'}"
 
 
 def _target(tick: TickRecord) -> str:
-    """Return bearing of the target and drift, both clockwise from north, where known."""
+    """Return bearing of the target and drift, both clockwise from north, as far as estimated."""
     if tick.x is None or tick.y is None or tick.drift_x is None or tick.drift_y is None:
-        return "bearing not known"
+        return "bearing unknown"
     bearing = degrees(compass_from_vector(-tick.x, -tick.y))
     towards = degrees(compass_from_vector(tick.drift_x, tick.drift_y))
     drift = hypot(tick.drift_x, tick.drift_y)
-    felt = ", by accelerations" if tick.felt is not None and tick.felt > 0.5 else ""
-    return f"bearing {bearing:03.0f} deg, drift {drift:.1f} m/s towards {towards:03.0f} deg{felt}"
+    source = ", from accelerations" if tick.felt is not None and tick.felt > 0.5 else ""
+    return f"bearing {bearing:03.0f} deg, drift {drift:.1f} m/s towards {towards:03.0f} deg{source}"

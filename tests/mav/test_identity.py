@@ -38,7 +38,7 @@ def test_a_vehicle_that_calls_itself_0_is_not_believed_for_everybody_would_hear_
     rig.vehicle = Voice(0, 1)
     rig.run(3.0, mode=LOITER)
     assert rig.of("COMMAND_LONG") == [] and not rig.pilot.session.up
-    assert rig.pilot.session.misfits[0, 1] == "system 0 is no id of a vehicle: set its system id to 1 .. 255"
+    assert rig.pilot.session.misfits[0, 1] == "system 0 is no id of a vehicle: set its system id to 1 to 255"
 
 
 @pytest.mark.parametrize("version", [1, 2])
@@ -62,7 +62,7 @@ def test_a_vehicle_of_another_kind_that_comes_back_under_our_ids_is_not_ours(mak
     assert rig.setpoints(since) + rig.of("SET_ATTITUDE_TARGET", since) == []
     assert rig.pilot.session.reply_to == "vehicle"
     reasons = [*rig.pilot.session.misfits.values(), *rig.pilot.session.identity.rivals.recent(rig.now)]
-    assert ("not the vehicle heard first" if source == "vehicle" else "has a second sender") in " ".join(reasons)
+    assert ("not the vehicle received first" if source == "vehicle" else "has a second sender") in " ".join(reasons)
 
 
 # --- other addresses: the vehicle's own stays while anything of it comes from there, and afterwards a proof counts
@@ -183,7 +183,7 @@ def test_a_vehicle_that_never_tells_its_time_after_a_silence_is_waited_for_as_fo
     since = rig.now
     rig.run(1.0)
     assert rig.pilot.mission.phase is Phase.WAIT_LINK
-    waits = {"vehicle": "not known whether this is the same vehicle", "elsewhere": "its time since boot"}
+    waits = {"vehicle": "the vehicle's identity is not confirmed", "elsewhere": "its time since boot"}
     assert waits[source] in rig.pilot.status.waits_for(rig.now)
     rig.run(21.0)
     asked = [message.param1 for message in rig.commands(512, since)]
@@ -294,7 +294,7 @@ def test_another_companion_ends_the_flight_and_a_stray_frame_now_and_then_does_n
         rig.run(apart)
     assert (rig.pilot.mission.outcome is not None) is ends
     if ends:
-        assert "another companion sends as 1/191" in rig.pilot.mission.outcome.reason
+        assert "another companion sends with our ids 1/191" in rig.pilot.mission.outcome.reason
 
 
 def test_frames_in_our_name_that_the_vehicle_did_not_forward_end_nothing_and_are_told_of(make_rig):
@@ -378,7 +378,7 @@ def test_where_two_speak_as_the_vehicle_neither_is_engaged_until_one_is_silent(r
         rig.run(0.1)
     assert rig.pilot.mission.phase is Phase.READY
     assert "the vehicle has a second sender: 1/1 at vehicle is rejected" in rig.pilot.status.waits_for(rig.now)
-    assert rig.pilot.status.waits_for(rig.now).endswith("name yours with link.peer, or sign")
+    assert rig.pilot.status.waits_for(rig.now).endswith("select yours by link.peer, or sign")
     assert rig.setpoints() == []
 
 
@@ -400,8 +400,8 @@ def test_answers_to_commands_in_our_name_that_nothing_of_ours_asked_for_are_alar
     rig.run(11.0)
     assert rig.pilot.second_controller.evidence(rig.now) == ""
     assert [text for text in rig.texts() if "another program" in text] == [
-        "circnav: another program steers, too",
-        "circnav: another program no longer steers",
+        "circnav: another program also steers",
+        "circnav: no other program steers any more",
     ]
 
 

@@ -55,7 +55,7 @@ def test_a_refused_mode_ends_the_mission_with_the_vehicles_own_words():
     rig.acknowledge(SET_MODE, result=4)
     assert rig.run(0.5).pilot.mission.outcome.ending is Ending.ABORTED
     assert rig.pilot.mission.outcome.reason == (
-        'mode GUIDED refused: failed, the vehicle says "Mode change failed: requires position"'
+        'mode GUIDED refused: failed, the vehicle reports "Mode change failed: requires position"'
     )
     assert rig.setpoints() == []
 

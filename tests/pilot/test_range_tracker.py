@@ -147,7 +147,7 @@ def test_of_two_sensors_none_steers_until_the_mission_names_one(equal_stamps, ot
     """As `init` writes a mission, it names neither. What is said has the ids, the ranges and the key."""
     rig = Rig(ranging=ranging(**ANY), timing=timing(wait_ranging=10.0))
     rig.run(8.0, two(rig, equal_stamps=equal_stamps, **other), ranges=False)
-    said = NOT_ENGAGED.format(other.get("orientation", 24)) + f"name yours with {keys}"
+    said = NOT_ENGAGED.format(other.get("orientation", 24)) + f"select yours by {keys}"
     assert rig.pilot.status.waits_for(rig.now) == said
     assert rig.setpoints() == []
     assert "circnav: 2 range sources: set ranging.sensor_id" in rig.texts()

@@ -177,7 +177,7 @@ HOUR, YEAR = 3600, 31_536_000
         (lambda at, us: us - (EPOCH_US if at < 1000 else 0), 21, [EPOCH_US / 1e6], 0, "steps 1 time"),
         (lambda at, us: 0 if at < 1000 else us, 13.4, [EPOCH_US / 1e6], 0, "steps 1 time"),
         (lambda at, us: us - (at // 500 * HOUR * 1e6), 21, None, 0, "times, at most by -3600.0 s"),
-        (lambda at, us: us + (YEAR * 1e6 if at == 1000 else 0), 21, [], 1, "1 lone stamp is off by +31536000.0 s"),
+        (lambda at, us: us + (YEAR * 1e6 if at == 1000 else 0), 21, [], 1, "1 single timestamp is off by +31536000"),
         (lambda at, us: us - (YEAR * 1e6 if at == 1000 else 0), 21, [], 1, "off by -31536000.0 s"),
         (lambda at, us: us + (HOUR * 5e5 if at == 1000 else 0), 21, [], 1, "off by +1800.0 s"),
     ],

@@ -131,7 +131,7 @@ def test_udpin_hears_the_addresses_that_the_mission_names_and_no_other(host, pee
     with closing(open_link(f"udpin:{host}:0", peers)) as link, closing(socket.socket(family, UDP[1])) as other:
         other.sendto(b"hello", (to, link.port))
         assert receive(link) == [b"hello"] * heard
-        assert list(link.troubles) == ([] if heard else [f"ignored: sent by {host}:{other.getsockname()[1]}"])
+        assert list(link.troubles) == ([] if heard else [f"ignored: from {host}:{other.getsockname()[1]}"])
 
 
 def test_udpout_speaks_to_its_own_address_only_and_hears_no_other(udp, udpout):
@@ -147,7 +147,7 @@ def test_udpout_speaks_to_its_own_address_only_and_hears_no_other(udp, udpout):
         udp.sendto(b"ours", ("127.0.0.1", udpout.port))
         assert receive(udpout) == []
         assert udpout.receive(0.0) == [(b"ours", udp.getsockname())]
-        assert udpout.troubles == {f"ignored: sent by 127.0.0.1:{other.getsockname()[1]}": MOST_DATAGRAMS}
+        assert udpout.troubles == {f"ignored: from 127.0.0.1:{other.getsockname()[1]}": MOST_DATAGRAMS}
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "127.0.1.1", "localhost"])

@@ -18,8 +18,8 @@ from tests.rig import Rig
 
 SETTINGS = flight("quickstart").pilot.settings
 GROUND = ("sim.start.altitude_m=0.0", "sim.start.armed=false", 'sim.start.mode="STABILIZE"')
-BACK = "the operator has the vehicle: enter GUIDED again to hand it back"
-STALE = r"RANGE STALE 4\.\d s: holding the circle's turn rate by 20 setpoints per second, ends at 10\.5 s"
+BACK = "the operator has the vehicle: enter GUIDED again to return it to circnav"
+STALE = r"RANGE STALE 4\.\d s: holding the circle's turn rate with 20 setpoints per second, the flight ends at 10\.5 s"
 
 
 def drawn(status, *, ascii_only=False, settings=SETTINGS, columns=80):
@@ -39,7 +39,7 @@ def drawn(status, *, ascii_only=False, settings=SETTINGS, columns=80):
         (12.0, [], None, "engaged", "", ""),
         (10.2, [], "outage", "holding", "", STALE),
         (9.0, ['engage.on_takeover="wait"'], "takeover", "yielded", BACK, "OPERATOR HAS THE VEHICLE, mode LOITER"),
-        (9.0, [], "takeover", "ended", "", "ABORTED: taken over, GUIDED left for LOITER.*"),
+        (9.0, [], "takeover", "ended", "", ""),
         (8.0, ["ranging.max_range_m=50.0"], None, "waiting for ranging", "no ranging: ",
          "MOST RANGES REJECTED: .* per second"),
         (9.0, [], "silence", "waiting for the link", "", r"LINK SILENT for [23]\.\d s; .*"),
@@ -89,7 +89,7 @@ def test_ranges_that_are_refused_are_counted_by_reason_and_those_of_an_outage_or
     assert re.search(r"rejected +\d+ of \d+: \d+ above_max", "\n".join(drawn(rejecting)))
     assert statuses(10.2, event="outage")[-1].rates.taken == 0
     flown = flight("px4_copter")
-    assert flown.pilot.status.waits_for(0.0) == "no autopilot heartbeat, 0 bytes heard"
+    assert flown.pilot.status.waits_for(0.0) == "no autopilot heartbeat, 0 bytes received"
     flown.fly(8.0)
     status = Watch(flown.pilot, Onlookers()).status(flown.ticks[-1], 8.0)
     assert status.others > 30
@@ -216,4 +216,4 @@ def test_a_computer_that_sends_a_tenth_of_the_setpoints_is_said_to():
             records = rig.pilot.take_records()
             found = list(watch.status(records[-1], rig.now).alarms)
     (few,) = [alarm for alarm in found if alarm.startswith("FEW SETPOINTS")]
-    assert re.match(r"FEW SETPOINTS: [012]\.\d of 20 per second are sent: the computer is overloaded", few)
+    assert re.match(r"FEW SETPOINTS: only [012]\.\d of 20 per second are sent: the computer is overloaded", few)

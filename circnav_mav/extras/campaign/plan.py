@@ -57,7 +57,7 @@ def read_spec(value: Any) -> Spec:
     ((kind, numbers),) = value.items()
     if kind not in DRAWS:
         near = get_close_matches(kind, DRAWS, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(DRAWS)}"
+        hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(DRAWS)}"
         raise ValueError(f"{kind}: unknown key, {hint}")
     if not isinstance(numbers, list) or not numbers:
         raise ValueError(f"{kind}: must be a list, not {numbers!r}")
@@ -207,7 +207,7 @@ def _check_alone(key: str, others: Iterable[str], where: str) -> None:
     sets = f"{START.get(key, key)}."
     for other in others:
         if other == key:
-            raise CampaignError(f"{where}: vary: {key} is there twice, in two spellings: keep one")
+            raise CampaignError(f"{where}: vary: {key} is given twice, in two spellings: keep one")
         taken = f"{START.get(other, other)}."
         if sets.startswith(taken) or taken.startswith(sets):
             raise CampaignError(f"{where}: vary: {other} and {key} set the same key: keep one")

@@ -82,17 +82,17 @@ class Rejection(Enum):
 
 
 REMEDIES = {
-    Rejection.MALFORMED: "frames are not whole MAVLink 2 reports: use a port of its own for each program",
-    Rejection.OTHER_ADDRESS: "a sender is not in the list of peers: add it to the list if it is a member",
+    Rejection.MALFORMED: "frames are not complete MAVLink 2 reports: give each program another port",
+    Rejection.OTHER_ADDRESS: "a sender is not in the list of peers: if it is a member, add it",
     Rejection.UNSIGNED: "frames are not signed: give every member the key of the fleet",
     Rejection.WRONG_KEY: "frames are signed with another key: give every member the same key file",
     Rejection.REPLAYED: "frames are repeated or late, and are ignored",
-    Rejection.OTHER_GROUP: "another group uses this address: correct the group, or give each group an address",
+    Rejection.OTHER_GROUP: "another group uses this address: correct the group, or use another address",
     Rejection.NOT_FINITE: "a number is not finite",
     Rejection.OUT_OF_BOUNDS: "a number is out of bounds",
     Rejection.CLOCKS_DISAGREE: "clocks disagree, or frames are late: synchronize the companion computers",
-    Rejection.SAME_ID: "two members have one id: give each member an id of its own",
-    Rejection.PHASE_JUMP: "a phase jumps: the member's estimate or its sender is wrong",
+    Rejection.SAME_ID: "two members have the same id: give each member another id",
+    Rejection.PHASE_JUMP: "a phase jumps: the member's estimate is wrong, or another program sends as this member",
     Rejection.TOO_OFTEN: "a member sends more than 10 reports a second",
     Rejection.TABLE_FULL: "the group has more members than its limit",
     Rejection.FLOOD: "network flood: frames are lost",

@@ -103,9 +103,7 @@ class FrameCarrier:
             return
         try:
             if (report.group, report.member) != self._ids:
-                raise RejectedError(
-                    Rejection.OUT_OF_BOUNDS, f"ids {report.group}, {report.member} are not the own ones"
-                )
+                raise RejectedError(Rejection.OUT_OF_BOUNDS, f"ids {report.group}, {report.member} are not our own")
             check_numbers(report)
         except RejectedError as wrong:
             self._note(f"the own report is not sent: {wrong}", now)
@@ -348,7 +346,7 @@ def _check_multicast(link: FleetLink) -> None:
     except ValueError:
         right = False
     if not right:
-        raise LinkError(f"fleet link {link.address}: is no IPv4 multicast address: write one such as {MULTICAST}")
+        raise LinkError(f"fleet link {link.address}: is not an IPv4 multicast address: write one such as {MULTICAST}")
 
 
 def _membership(link: FleetLink) -> bytes:

@@ -29,7 +29,9 @@ def emulate_fleet(
     if vehicle is None:
         raise Refused("--fleet: name a mission with a [sim] table, such as plane")
     if ranging_endpoint is not None:
-        raise Refused("--ranging-endpoint: is not for --fleet, use a mission whose ranges come by the vehicle's link")
+        raise Refused(
+            "--ranging-endpoint: not with --fleet, choose a mission that receives ranges on the vehicle's link"
+        )
     try:
         first = parse_endpoint(endpoint)
     except LinkError as error:

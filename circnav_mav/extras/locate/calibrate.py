@@ -178,7 +178,7 @@ def _radio(logs: Sequence[RangeLog], tag: str | None, source: Path) -> tuple[Ran
     chosen = [(log, name) for log, name in radios if tag in (None, name)]
     if len(chosen) != 1:
         names = ", ".join(repr(name) for _, name in radios)
-        raise Refused(f"{source}: one radio at a time: give --tag, one of {names}")
+        raise Refused(f"{source}: has several radios: give --tag, one of {names}")
     return chosen[0]
 
 
@@ -223,17 +223,17 @@ def _say(tag: str, found: Measured) -> None:
     if calibration.points:
         say("  radio      not linear: a table of points")
     elif place.scale_found:
-        scale = f"scale {1 + place.scale:.4f} +-{place.scale_sigma:.4f}"
-        say(f"  radio      {scale}, bias {place.bias:+.2f} +-{place.bias_sigma:.2f} m")
+        scale = f"scale {1 + place.scale:.4f} ±{place.scale_sigma:.4f}"
+        say(f"  radio      {scale}, bias {place.bias:+.2f} ±{place.bias_sigma:.2f} m")
     elif found.scale_sigma < SHARP:
-        say(f"  radio      {error:+.2f} +-{sigma:.2f} m too long; scale 1 within {found.scale_sigma:.4f}")
+        say(f"  radio      {error:+.2f} ±{sigma:.2f} m too long; scale 1 within {found.scale_sigma:.4f}")
     else:
         say(
-            f"  radio      {error:+.2f} +-{sigma:.2f} m too long at {place.range_scale:.0f} m. Scale and bias not "
-            "observable apart: right at this range only; fly the approach or a second radius as well"
+            f"  radio      {error:+.2f} ±{sigma:.2f} m too long at {place.range_scale:.0f} m. Scale and bias not "
+            "separately observable: valid at this range only; also fly the approach or a second radius"
         )
     if not place.up_known:
-        say("  WARNING    the height of the beacon is not known and looks like a bias: give --altitude")
+        say("  WARNING    the height of the beacon is unknown, its effect looks like a bias: give --altitude")
 
 
 def _plot(path: Path, found: Measured, tag: str) -> None:

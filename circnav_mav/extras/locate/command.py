@@ -48,7 +48,7 @@ def locate_log(
         name = range_name or (flown.file.ranging.name if flown is not None else ReadOptions().range_name)
         unit = None if units is None else meters_in(units)
         if units is not None and unit is None:
-            raise Refused(f"--units {units}: is no unit: {', '.join(UNITS)}, or the number of meters in one")
+            raise Refused(f"--units {units}: is not a unit: {', '.join(UNITS)}, or the length of the unit in meters")
         options = ReadOptions(name, unit, range_columns, _zone(timezone), vehicle)
         with _busy(f"reading {printable(source.name)}"):
             logs = read(source, options, positions)
@@ -57,7 +57,7 @@ def locate_log(
             altitude = flown.height.target_altitude if altitude is None else altitude
         calibration = Calibration() if flown is None else flown.file.ranging.calibration
         if calibration.is_set:
-            say(f"note: the log has what the radio reported; corrected by the mission: {calibration.describe()}")
+            say(f"note: the log's ranges are corrected with the mission's calibration: {calibration.describe()}")
         jobs = [(log, tag) for log in logs if len(log.positions) > 1 for tag in log.ranges]
         unknown = [tag for tag in tags if tag not in (known for _, known in jobs)]
         if unknown:
@@ -110,7 +110,7 @@ def _zone(given: str | None) -> timezone | ZoneInfo | None:
     try:
         return ZoneInfo(given)
     except (ValueError, OSError, KeyError):
-        raise Refused(f"--timezone {given}: is no time zone, such as +02:00 or Europe/Vienna") from None
+        raise Refused(f"--timezone {given}: is not a time zone, such as +02:00 or Europe/Vienna") from None
 
 
 def mission_of(source: Path) -> Mission | None:
@@ -161,17 +161,17 @@ def _say(place: Place, known: Knowledge) -> None:
     say(f"  place      {place.words()}")
     say(
         f"  95 %       {ellipse.major:.1f} x {ellipse.minor:.1f} m, long axis {ellipse.azimuth:.0f} deg; the "
-        f"positions' own error counts with {known.gps_sigma:g} m"
+        f"positions' error is included with {known.gps_sigma:g} m"
     )
     if not place.up_known:
         say(f"  height     {NOT_OBSERVABLE}")
     error, sigma = place.range_error(place.range_scale)
-    at = f"{error:+.2f} +-{sigma:.2f} m too long at {place.range_scale:.0f} m"
-    bias = f"bias {place.bias:+.2f} +-{place.bias_sigma:.2f} m"
-    scale = f"scale {1 + place.scale:.4f} +-{place.scale_sigma:.4f}" if place.scale_found else NO_SCALE
+    at = f"{error:+.2f} ±{sigma:.2f} m too long at {place.range_scale:.0f} m"
+    bias = f"bias {place.bias:+.2f} ±{place.bias_sigma:.2f} m"
+    scale = f"scale {1 + place.scale:.4f} ±{place.scale_sigma:.4f}" if place.scale_found else NO_SCALE
     say(f"  ranges     noise {place.noise:.2f} m; {at}")
     say(f"  radio      {bias}, {scale}")
-    late = f"positions are stamped {place.delay:+.2f} +-{place.delay_sigma:.2f} s later than ranges"
+    late = f"timestamps of positions are {place.delay:+.2f} ±{place.delay_sigma:.2f} s later than those of ranges"
     known_clocks = place.delay_sigma < known.delay_sigma
     say(f"  clocks     {late if known_clocks else 'offset not observable: the distance hardly changes'}")
     total = place.used + place.outliers
@@ -180,7 +180,7 @@ def _say(place: Place, known: Knowledge) -> None:
     if place.outliers:
         say(f"  outliers   {place.outliers} of {total} left out")
     if place.outliers > MIXED * total or place.noise > POOR * place.range_scale:
-        say("  WARNING    the ranges fit no single place well: two tags mixed? Give the CSV a column tag")
+        say("  WARNING    the ranges fit no single place well: two tags mixed? Add a column named tag to the CSV")
 
 
 def _write(out: str | None, source: Path, places: dict[str, Place], logs: Sequence[RangeLog]) -> None:

@@ -121,7 +121,9 @@ def _locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: 
     track, heard = Track(track.time[kept], track.east[kept], track.north[kept], track.up[kept]), ranges
     ranges = _covered(track, heard)
     if len(ranges.r) < LEAST:
-        return NotYet(f"{len(ranges.r)} ranges with positions round them, {LEAST} are needed{_apart(track, heard)}")
+        return NotYet(
+            f"{len(ranges.r)} ranges with positions before and after them, {LEAST} are needed{_apart(track, heard)}"
+        )
     still = _best(plane, track, ranges, known, near)
     newest = ranges.take(ranges.time >= ranges.time[-1] - MOVING_WINDOW)
     if len(newest.r) < LEAST:
@@ -157,7 +159,7 @@ def _apart(track: Track, ranges: Ranges) -> str:
     """Return a hint if ranges and positions do not overlap in time: different clocks or time units. Empty otherwise."""
     if len(ranges.r) < LEAST or len(track.time) < 2:
         return ""
-    of_ranges, of_positions = (f"{time[0]:.6g} .. {time[-1]:.6g} s" for time in (ranges.time, track.time))
+    of_ranges, of_positions = (f"{time[0]:.6g} to {time[-1]:.6g} s" for time in (ranges.time, track.time))
     every = f"one every {float(np.median(np.diff(track.time))):.3g} s"
     return f"; ranges of {of_ranges}, positions of {of_positions}, {every}: one clock, in seconds?"
 
@@ -196,14 +198,14 @@ def _best(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Pl
         (fit for start in _starts(track, rough.ranges) if (fit := rough.fit(start))), key=lambda fit: fit.cost
     )
     if not found:
-        return NotYet("the ranges fit no place")
+        return NotYet("no place fits the ranges")
     place = problem.finish(problem.fit(found[0].x[:2]), plane)
     if place is None or not _good(place):
-        return NotYet("the track does not tell where the target is yet: fly a turn")
+        return NotYet("the track does not determine the target's place yet: fly a turn")
     for other in found[1:]:
         apart = np.hypot(*(other.x[:2] - found[0].x[:2]))
         if apart > SAME * place.sigma + 1.0 and 2 * (other.cost - found[0].cost) < AMBIGUOUS:
-            return NotYet(f"two places {apart:.0f} m apart fit: the track is too straight, fly a turn")
+            return NotYet(f"two places {apart:.0f} m apart fit the ranges: the track is too straight, fly a turn")
     return place
 
 
@@ -321,7 +323,7 @@ class _Problem:
     def _of_one_length(self, radio: Array, covariance: Array) -> tuple[Array, Array]:
         """Return bias and scale with their covariance, from the prior and the range error at the median length."""
         # On a circle around the target, the computed lengths change only by the GPS error, which the ranges do not
-        # contain. The fit mistakes it for a slope: a scale of 1.07 with a free bias once came out as 0.80 +-0.06.
+        # contain. The fit mistakes it for a slope: a scale of 1.07 with a free bias once resulted in 0.80 ±0.06.
         slope = np.array([1.0, (float(np.median(self.ranges.r)) - radio[0]) / (1 + radio[1])])
         prior = np.diag([self.known.bias_sigma**2, self.known.scale_sigma**2])
         gain = prior @ slope / (slope @ prior @ slope + slope @ covariance @ slope)
@@ -352,7 +354,7 @@ class _Problem:
     def one_sided(self, fit: Fit, sigma: float) -> bool:
         """True if the ranges or the prior reject the height mirrored at the track. sigma: of the height, m."""
         # A level track fits a target as far above it as below it. Near the level of the track the linear covariance is
-        # too small: a UWB radio on a cart once gave -1.5 +-0.7 m for +0.9 m.
+        # too small: a UWB radio on a cart once gave -1.5 ±0.7 m for +0.9 m.
         known, start = self.known, fit.x[: self._own].copy()
         mirror = 2 * float(np.median(self.track.up)) - float(fit.x[U])
         if abs(mirror - fit.x[U]) < sigma:

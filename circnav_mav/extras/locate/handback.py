@@ -296,11 +296,11 @@ class HandBack:
         if self.over or self._lost_since is None:
             return f"stopped: {self.ended}" if self.over else ""
         if self._lacks:
-            return f"position lost, none to give: {self._lacks}"
+            return f"position lost, no replacement: {self._lacks}"
         if not self.given or self.given[-1].time < self._lost_since:
             return ""
         newest = self.given[-1]
-        return f"position lost, given by {newest.by}, +-{newest.sigma:.0f} m, {newest.answer}"
+        return f"position lost, sent one from {newest.by}, ±{newest.sigma:.0f} m: {newest.answer}"
 
     def step(
         self, now: float, *, good: bool | None, where: Where | None, plane: Plane, target: tuple[int, int]
@@ -310,7 +310,7 @@ class HandBack:
         if good is None or good:
             self._lost_since, self._waits, self._open, self._lacks = None, False, False, ""
             if self.given and not self.over:
-                self.ended = "the autopilot has a position again" if good else "GPS or EKF status is not heard"
+                self.ended = "the autopilot has a position again" if good else "GPS or EKF status is not received"
             return None
         self._lost_since = now if self._lost_since is None else self._lost_since
         if self._waits and now - self.given[-1].time > ANSWER_PATIENCE:
@@ -320,7 +320,7 @@ class HandBack:
         if self.over or self._waits or now - self._lost_since < LOST_FOR or now < self._due:
             return None
         if where is None or where.sigma > MOST_SIGMA:
-            self._lacks = "the target's place is not known" if where is None else "too long without ranges"
+            self._lacks = "the target's place is unknown" if where is None else "no ranges for too long"
             return None
         self._due, self._waits, self._open, self._look_at = now + INTERVAL, True, True, None
         latitude, longitude = map(float, plane.to_degrees(where.east, where.north))
@@ -329,7 +329,7 @@ class HandBack:
         self.given.append(Given(now, latitude, longitude, sigma, by))
         del self.given[:-MOST_GIVEN]
         self.sent += 1
-        self.ended, self._lacks = "going on", ""
+        self.ended, self._lacks = "active", ""
         return position_estimate(latitude, longitude, sigma, target, now, now - where.time)
 
     def answered(self, message: Message, us: tuple[int, int], now: float) -> None:
@@ -360,7 +360,7 @@ class HandBack:
         self.given[-1] = replace(self.given[-1], off=off)
         self._without = self._without + 1 if off > max(EFFECT, 5 * here.sigma) else 0
         if self._without >= MOST_WITHOUT:
-            self._end("positions are accepted, and have no effect")
+            self._end("positions are accepted, but have no effect")
 
     def plain(self) -> dict[str, Any]:
         """Return the fields for summary.json."""

@@ -437,5 +437,5 @@ class Locator:
         """Return one frame. Raises ValueError if the survey must not send this message."""
         kind = message.get_type()
         if kind not in SAYS or (kind.startswith("COMMAND") and message.command not in COMMANDS):
-            raise ValueError(f"{kind} must not leave the survey")
+            raise ValueError(f"the survey must not send {kind}")
         return self._encoder.encode(message)

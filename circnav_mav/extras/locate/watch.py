@@ -127,9 +127,11 @@ class GpsWatch:
         by_range = FaultSource.GPS if jumped else FaultSource.BEACON
         culprit = by_range if "range" in lasting else FaultSource.COMPASS
         off, _ = (look.bearing_off if culprit is FaultSource.COMPASS else look.range_off) or (0.0, 0.0)
-        self.alarm = f"range and GPS disagree by {abs(off):.0f} m: {culprit.value} likeliest"
+        self.alarm = f"range and GPS disagree by {abs(off):.0f} m: most likely wrong: {culprit.value}"
         if culprit is FaultSource.COMPASS:
-            self.alarm = f"compass and GPS disagree by {degrees(abs(off)):.0f} deg of bearing: compass likeliest"
+            self.alarm = (
+                f"compass and GPS disagree by {degrees(abs(off)):.0f} deg of bearing: most likely wrong: compass"
+            )
         if culprit is not self.culprit:
             self.told.append((look.time, self.alarm))
         self.culprit = culprit

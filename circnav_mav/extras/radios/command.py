@@ -89,4 +89,4 @@ def _clock(ranges: list[RangeHeard]) -> str:
     assert span is not None
     delays = sorted(one.arrival - one.stamp for one in ranges)
     jitter = delays[int(0.95 * (len(delays) - 1))] - delays[0]
-    return f"clock {span_speed(span):.4f} of ours, jitter {1000 * jitter:.0f} ms"
+    return f"clock {span_speed(span):.4f} times our speed, jitter {1000 * jitter:.0f} ms"

@@ -18,10 +18,10 @@ def ranging() -> None:
 @command(
     "circnav_mav.extras.radios.command:watch_radio",
     group=ranging,
-    short_help="Show what a radio measures, a line a second.",
+    short_help="Print the ranges of a radio, one line per second.",
 )
 @click.argument("endpoint", metavar="DRIVER:PORT")
-@click.option("--seconds", type=Finite(1), metavar="N", help="How long. [default: until Ctrl-C]")
+@click.option("--seconds", type=Finite(1), metavar="N", help="Duration. [default: until Ctrl-C]")
 def watch() -> None:
     """Show what a radio measures: a line a second for each beacon, over the last ten seconds.
 

@@ -142,7 +142,7 @@ def _listener(port: int) -> socket.socket:
         return socket.create_server((HOST, port))
     except OSError as error:
         why = os.strerror(error.errno or 0)
-        raise WebError(f"--web {port}: {HOST}:{port} cannot be had: {why}; choose another port") from None
+        raise WebError(f"--web {port}: {HOST}:{port} cannot be used: {why}; choose another port") from None
 
 
 def _serve(listener: socket.socket) -> "subprocess.Popen[bytes]":

@@ -252,7 +252,7 @@ class RangeRateReader:
     def trouble(self) -> str:
         """Human-readable reason why measured rates are not used now, or empty."""
         if self._noise.repeated:
-            return f"frozen, the same number for {self._noise.repeated:.0f} s"
+            return f"frozen, the same value for {self._noise.repeated:.0f} s"
         return "" if self._check.trusted else self._check.why
 
     def carries(self, message: Message) -> bool:

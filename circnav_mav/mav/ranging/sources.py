@@ -108,7 +108,7 @@ class RangeSources:
         rivals = self._rivals(now)
         if len(rivals) < 2:
             return ""
-        return f"{len(rivals)} range sources: {self._words(rivals)}: name yours with {' or '.join(differences(rivals))}"
+        return f"{len(rivals)} range sources: {self._words(rivals)}: select yours by {' or '.join(differences(rivals))}"
 
     def short_choice(self, now: float) -> str:
         """Return the same as `choice`, short enough for a STATUSTEXT."""
@@ -121,7 +121,7 @@ class RangeSources:
         if not alive or any(self._heard[source].picked for source in alive):
             return ""
         keys = " and ".join(f"ranging.{key}" for key in alive[0].keys)
-        return f"received: {self._words(alive)}, which the mission does not pick: compare {keys}"
+        return f"received: {self._words(alive)}, which the mission does not select: compare {keys}"
 
     def _alive(self, now: float) -> list[RangeSource]:
         return [source for source, heard in self._heard.items() if now - heard.at <= SOURCE_SILENT]

@@ -122,5 +122,5 @@ def test_what_moves_a_vehicle_cannot_leave_the_survey():
         mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0),
         mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, 4, 0, 0, 0, 0, 0),
     ):
-        with pytest.raises(ValueError, match="must not leave"):
+        with pytest.raises(ValueError, match="must not send"):
             rig.locator._encode(message)

@@ -35,7 +35,7 @@ def test_a_place_of_the_target_is_given_whole():
 
 def test_a_camera_is_no_copters_which_would_turn_its_nose():
     on = ("locate.enabled=true", "locate.camera=true")
-    assert said(*on) == [(FAIL, "locate.camera = true: a copter turns its nose to the target, leave it out")]
+    assert said(*on) == [(FAIL, "locate.camera = true: a copter turns its nose to the target, omit it")]
     assert said(*PLANE, *on) == []
     assert locate_settings(mission(*PLANE, *on)).camera
 

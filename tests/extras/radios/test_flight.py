@@ -61,4 +61,4 @@ def test_of_two_beacons_none_is_circled_until_one_is_named(tmp_path):
     assert pilot.mission.engaged_at is None
     said = pilot.mission.outcome.reason
     assert said.startswith("2 range sources: ") and "beacon_id 4 (33.3 m)" in said
-    assert said.endswith("name yours with ranging.beacon_id")
+    assert said.endswith("select yours by ranging.beacon_id")

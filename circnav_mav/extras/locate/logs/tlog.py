@@ -106,7 +106,7 @@ def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[Range
     if strangers:
         line = (
             f"ranges of {', '.join(strangers)} are left out: none of the vehicles {', '.join(map(str, tracks))} has "
-            "this system id; give --vehicle for the one that carries the radio"
+            "this system id; give --vehicle for the one with the radio"
         )
         if not any(log.ranges for log in used):
             raise EmptyLogError(line)
