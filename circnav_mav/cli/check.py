@@ -57,7 +57,7 @@ def all_checks(mission: Mission) -> list[Check]:
     lines = check_mission(mission)
     if mission.flies_sim and mission.file.sim is not None:
         misfits = _misfits(mission, parse_vehicle(mission.file.sim, "sim"))
-        lines += [Check(grade, "sim", says) for grade, says in misfits]
+        lines += [Check(grade, "sim", text) for grade, text in misfits]
     return lines
 
 
@@ -89,7 +89,7 @@ def show_checks(lines: list[Check]) -> None:
     """Print check lines with colored grades."""
     for line in lines:
         grade = click.style(f"{line.grade.value:<4}", fg=COLOURS[line.grade], bold=line.grade is not Grade.PASS)
-        say(f"  {line.subject:<11} {line.says}", styled=grade)
+        say(f"  {line.subject:<11} {line.text}", styled=grade)
 
 
 def _misfits(mission: Mission, config: VehicleConfig) -> Iterator[tuple[Grade, str]]:

@@ -41,7 +41,7 @@ def write_manifest(folder: Path, mission: Mission, pilot: Pilot, epoch_us: int, 
         autopilot["firmware"] = session.vehicle.firmware
     facts = {
         "mission": mission.file.name,
-        "voice": pilot.settings.output_mode.value,
+        "output_mode": pilot.settings.output_mode.value,
         "epoch_us": epoch_us,
         "seeds": {} if seed is None else {"sim": seed},
         "versions": versions,

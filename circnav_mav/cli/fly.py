@@ -21,6 +21,7 @@ from circnav_mav.foreign import read_text
 from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import VEHICLE, Ending, OutputMode, Pilot
+from circnav_mav.pilot.loop_step import OLD_STEPS, STEPS
 from circnav_mav.runtime.clock import Clock, local_time_name
 from circnav_mav.runtime.display import display_for
 from circnav_mav.runtime.links import Link
@@ -31,7 +32,7 @@ from circnav_mav.runtime.status import AlarmLog
 
 EXITS = {
     Ending.COMPLETED: Exit.DONE,
-    Ending.NOTHING_HEARD: Exit.NOTHING_HEARD,
+    Ending.NOTHING_RECEIVED: Exit.NOTHING_RECEIVED,
     Ending.ABORTED: Exit.ABORTED,
     Ending.TAKEN_OVER: Exit.ABORTED,
     Ending.INTERRUPTED: Exit.INTERRUPTED,
@@ -39,7 +40,7 @@ EXITS = {
 MOST_WATCHED = 10.0
 """Simulation speed, times real time, up to which the refresh rate of the display is constant. Above it, the
 interval is constant in run time."""
-RECORDED = ("flight.tlog", "turns.csv", "ticks.csv", "summary.json", "manifest.json")
+RECORDED = ("flight.tlog", STEPS, OLD_STEPS, "ticks.csv", "summary.json", "manifest.json")
 """Files by which a folder is recognized as a recorded flight."""
 
 
@@ -146,7 +147,7 @@ def _crash_of(loop: Callable[[], None], pilot: Pilot, links: dict[str, Link], cl
         loop()
     except BaseException as error:  # includes sys.exit() in another package
         # first, because writing to the disk may block or fail
-        links[VEHICLE].send(pilot.last_words(clock.now()), pilot.session.reply_to)
+        links[VEHICLE].send(pilot.last_frames(clock.now()), pilot.session.reply_to)
         cause = in_one_line(error)
         pilot.abandon(cause)
         report = folder / "error.txt"

@@ -20,9 +20,9 @@ from circnav_mav.pilot import VEHICLE, OutputMode, Pilot, PilotSettings
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.report.plots import plot_replay
 from circnav_mav.runlog.atomic_write import atomic_write
-from circnav_mav.runlog.loop_steps import LogClock, LogSources, has_requests, recorded_steps, tlog_steps
+from circnav_mav.runlog.loop_steps import LogClock, LogSources, has_requests, recorded_steps, steps_file, tlog_steps
 from circnav_mav.runlog.replay import (
-    Replayed,
+    ReplayResult,
     as_flown_before,
     as_ticks,
     differences,
@@ -65,9 +65,9 @@ def replay_log(
 def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str | None) -> None:
     """Replay the recorded steps of a run folder, with its own mission or another."""
     run = open_run(Path(log).parent if Path(log).is_file() else Path(log))
-    if not (run.folder / "turns.csv").is_file():
+    if not steps_file(run.folder).is_file():
         raise Refused(
-            f"{run.folder}: has no turns.csv; copy its flight.tlog to another folder and replay the copy with --mission"
+            f"{run.folder}: has no steps.csv; copy its flight.tlog to another folder and replay the copy with --mission"
         )
     own = str(run.folder / "mission.toml")
     parse = partial(load_mission, other) if other else partial(parse_mission, run.mission_text, own)
@@ -75,15 +75,15 @@ def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str 
     if other or overrides:  # not as flown: an older version may have had other checks
         refuse_failing(other or own, mission, shown=())
     try:
-        voice = OutputMode(run.voice)
+        output_mode = OutputMode(run.output_mode)
     except ValueError:
-        raise Refused(f"{run.folder / 'manifest.json'}: voice: {run.voice!r} is unknown") from None
-    settings = mission.pilot_settings(voice)
+        raise Refused(f"{run.folder / 'manifest.json'}: output_mode: {run.output_mode!r} is unknown") from None
+    settings = mission.pilot_settings(output_mode)
     gain = _held_gain(run, settings)
     settings = settings if gain is None else replace(settings, turn_gain=gain)
     with refusing(run.folder):
         pilot = Pilot(settings if has_requests(run.folder) else as_flown_before(settings))
-    empty = "nothing to replay: flight.tlog or turns.csv is empty, or damaged from its beginning on"
+    empty = "nothing to replay: flight.tlog or steps.csv is empty, or damaged from its beginning on"
     done = _replayed(run.folder, pilot, recorded_steps(run.folder), empty=empty)
     whole = _say_damage(run, done, pilot)
     if gain is not None:
@@ -119,16 +119,18 @@ def _replay_plain(log: str, path: str | None, overrides: Sequence[str], out: str
     _write(log, out, done, None, mission)
 
 
-def _replayed(name: Path, pilot: Pilot, steps: Iterable[LoopStep], *, empty: str, ticking: bool = False) -> Replayed:
+def _replayed(
+    name: Path, pilot: Pilot, steps: Iterable[LoopStep], *, empty: str, ticking: bool = False
+) -> ReplayResult:
     """Replay and print the amount. ticking: True for a plain log. empty: message for no steps. Raises
     Refused."""
     began = time.perf_counter()
     done = replay(pilot, steps, ticking=ticking)
     took = time.perf_counter() - began
     if not done.steps:
-        raise Refused(f"{name}: {empty}", Exit.NOTHING_HEARD)
+        raise Refused(f"{name}: {empty}", Exit.NOTHING_RECEIVED)
     if ticking and done.until == 0:
-        raise Refused(f"{name}: its timestamps do not increase: it cannot be replayed", Exit.NOTHING_HEARD)
+        raise Refused(f"{name}: its timestamps do not increase: it cannot be replayed", Exit.NOTHING_RECEIVED)
     say(f"{name}: {done.until:.1f} s, {done.frames} received frames, replayed in {took:.2f} s")
     return done
 
@@ -165,10 +167,10 @@ def _check_steered(name: Path, pilot: Pilot) -> None:
     else:
         refused = describe_rejected(pilot.tracker.ranging.rejected)
         why = f"{pilot.tracker.accepted} ranges of {pilot.settings.ranging.message} accepted, rejected: {refused}"
-    raise Refused(f"{name}: never steered: {why}", Exit.NOTHING_HEARD)
+    raise Refused(f"{name}: never steered: {why}", Exit.NOTHING_RECEIVED)
 
 
-def _say_damage(run: Run, done: Replayed, pilot: Pilot) -> bool:
+def _say_damage(run: Run, done: ReplayResult, pilot: Pilot) -> bool:
     """Print warnings about missing or damaged parts of the log. Return True if it is complete."""
     end = float(run.ticks.time[-1]) if len(run.ticks.time) else 0.0
     short = end - done.until > UNRECORDED
@@ -176,7 +178,7 @@ def _say_damage(run: Run, done: Replayed, pilot: Pilot) -> bool:
     problems = [run.damage_text] if run.damage_text else []
     if short and not (run.damage and run.damage.cut):
         where = "is damaged" if run.damage else "ends"
-        problems.append(f"replayed up to {done.until:.1f} s of {end:.1f} s, where flight.tlog or turns.csv {where}")
+        problems.append(f"replayed up to {done.until:.1f} s of {end:.1f} s, where flight.tlog or steps.csv {where}")
     if spoilt:
         problems.append(f"flight.tlog: {spoilt} damaged frames left out")
     for problem in problems:
@@ -184,7 +186,7 @@ def _say_damage(run: Run, done: Replayed, pilot: Pilot) -> bool:
     return not (short or spoilt)
 
 
-def _say_setpoints(done: Replayed, whole: bool) -> None:
+def _say_setpoints(done: ReplayResult, whole: bool) -> None:
     """Print the comparison of sent and replayed setpoints."""
     was, would = done.was_setpoints, done.setpoints
     if done.identical:
@@ -196,15 +198,15 @@ def _say_setpoints(done: Replayed, whole: bool) -> None:
     say(f"             first difference: a frame at {done.first_difference:.3f} s")
 
 
-def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
+def _say_ticks(done: ReplayResult, pilot: Pilot, was: Ticks | None) -> None:
     """Print differences of estimates and commands, if the log has ticks, and the figures of the replay."""
     would = as_ticks(done.ticks)
     if was is not None:
         for gap in differences(was, would):
             name, unit = UNITS[gap.column]
             far = f"differs by {gap.rms:.4g} {unit} RMS, at most {gap.largest:.4g} {unit}"
-            says = far if gap.largest > LAST_DIGIT else "the same"
-            say(f"  {name:<16} {says}, in {gap.ticks} ticks")
+            difference = far if gap.largest > LAST_DIGIT else "the same"
+            say(f"  {name:<16} {difference}, in {gap.ticks} ticks")
     steered = sum(phase == "engaged" for phase in would.words["phase"])
     saturated = sum(record.saturated for record in done.ticks)
     say(f"  ticks      {len(done.ticks)}, {steered} of them steering, {saturated} at the turn-rate limit")
@@ -216,7 +218,7 @@ def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
         say(f"  outcome    {pilot.mission.outcome.ending.value}: {pilot.mission.outcome.reason}{until}")
 
 
-def _write(log: str, out: str | None, done: Replayed, was: Ticks | None, mission: Mission) -> None:
+def _write(log: str, out: str | None, done: ReplayResult, was: Ticks | None, mission: Mission) -> None:
     """Write picture and ticks if `out` is given. The picture comes first: it marks the ticks as replayed."""
     if out is None:
         return
@@ -255,11 +257,11 @@ def _say_who(sources: LogSources, adapter: Autopilot) -> None:
         if (system, component) != sources.vehicle
     )
     for title, senders in (("unused", unused), ("others", others)):
-        said = list(senders)
-        if more := said[MOST_NAMED:]:
-            said[MOST_NAMED:] = [f"and {len(more)} more"]
-        if said:
-            say(f"  {title:<10} {'; '.join(said)}")
+        texts = list(senders)
+        if more := texts[MOST_NAMED:]:
+            texts[MOST_NAMED:] = [f"and {len(more)} more"]
+        if texts:
+            say(f"  {title:<10} {'; '.join(texts)}")
     if candidates := sources.candidates:
         keys = " or ".join(range_sources.differences(candidates))
         done = "and none was used" if sources.ambiguous else "the first one received was used"

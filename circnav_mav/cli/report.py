@@ -32,9 +32,9 @@ def report_run(folder: str, after_flight: bool) -> int:
     with refusing(folder, RunError, MissionError):
         run = open_run(Path(folder))
         if not len(run.ticks.time):
-            raise Refused(f"{folder}: an empty run, nothing was recorded", Exit.NOTHING_HEARD)
+            raise Refused(f"{folder}: an empty run, nothing was recorded", Exit.NOTHING_RECEIVED)
         if len(run.ticks.time) == 1:
-            raise Refused(f"{folder}: only one tick was recorded, a report needs two", Exit.NOTHING_HEARD)
+            raise Refused(f"{folder}: only one tick was recorded, a report needs two", Exit.NOTHING_RECEIVED)
         mission = _mission(run)
         if run.damage_text is not None:
             say(f"  WARNING    {run.damage_text}")
@@ -109,7 +109,7 @@ def _figures(run: Run, mission: Mission) -> dict[str, Any]:
     return summarise(
         FlightFacts(
             mission=run.name,
-            voice=manifest.get("voice") or "fly",
+            voice=run.output_mode,
             outcome=manifest.get("outcome") or "unfinished",
             reason=manifest.get("reason") or "the process ended before the flight",
             orbit=mission.orbit,

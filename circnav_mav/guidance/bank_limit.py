@@ -13,7 +13,7 @@ STANDS, STANDS_FOR = 0.03, 1.0
 steady bank."""
 STOOD_LEAST, STOOD_MOST = 0.5, 20.0
 """Time at the limit, s, before it is used, and time constant of its average, s: 1 % of it is 0.3 m of radius."""
-LONGEST_FELT = 1.0
+LONGEST_BANK_INTERVAL = 1.0
 """Longest time, s, from one report to the next for which a bank is integrated."""
 
 
@@ -54,7 +54,7 @@ class BankLimit(NamedTuple):
         # Commands may exceed the found limit. A bank above it shows that it was found too low: discard it.
         if abs(banked) > (1 + STANDS) * self.bank:
             return after._replace(stood=0.0, banked=0.0, turned=0.0)
-        if time - since < STANDS_FOR or not 0 < step <= LONGEST_FELT:
+        if time - since < STANDS_FOR or not 0 < step <= LONGEST_BANK_INTERVAL:
             return after
         kept = exp(-step / STOOD_MOST)
         turned = abs(remainder(own.heading - self.heading, 2 * pi))

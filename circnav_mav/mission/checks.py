@@ -48,7 +48,7 @@ def _of_circles(mission: Mission, part: Callable[[Mission], Iterable[Check]]) ->
     for radius, lines in zip(mission.radii, circles, strict=True):
         for line in lines:
             if not all(line in others for others in circles):
-                yield replace(line, says=f"{radius:g} m: {line.says}")
+                yield replace(line, text=f"{radius:g} m: {line.text}")
             elif lines is circles[0]:
                 yield line
 
@@ -220,8 +220,8 @@ def _signing(mission: Mission) -> Iterator[Check]:
         yield from _unsigned(mission)
         return
     if table.accept_unsigned is True:
-        says = "frames are signed, but unsigned frames are accepted too: any program can pose as the vehicle"
-        yield Check(WARN, "signing", f"{says} (signing.accept_unsigned)")
+        words = "frames are signed, but unsigned frames are accepted too: any program can pose as the vehicle"
+        yield Check(WARN, "signing", f"{words} (signing.accept_unsigned)")
     else:
         also = ", on the ranging endpoint also unsigned" if table.accept_unsigned else ""
         yield Check(PASS, "signing", f"frames are signed, and accepted only if signed with our key{also}")
@@ -231,11 +231,11 @@ def _unsigned(mission: Mission) -> Iterator[Check]:
     """Check which senders can pose as the vehicle on an unsigned link."""
     link, ranging = mission.file.link, mission.file.ranging
     ports = [split_driver(one)[1] for one in (link.endpoint, ranging.endpoint) if one]
-    heard = [one for one in ports if one.startswith(("udp:", "udpin:"))]
-    if link.peer and not heard:
+    received = [one for one in ports if one.startswith(("udp:", "udpin:"))]
+    if link.peer and not received:
         yield Check(WARN, "peer", "link.peer has no effect: only udpin receives from more than one address")
     elif link.peer:
-        yield Check(PASS, "peer", f"{' and '.join(heard)} accepts {', '.join(link.peer)} only")
-    elif heard and not any(host in heard[0] for host in LOOPBACK):
-        says = f"{heard[0]} accepts the first sender of the vehicle's heartbeats"
-        yield Check(WARN, "peer", f"{says}: set its address (link.peer), or sign (docs/signing.md)")
+        yield Check(PASS, "peer", f"{' and '.join(received)} accepts {', '.join(link.peer)} only")
+    elif received and not any(host in received[0] for host in LOOPBACK):
+        words = f"{received[0]} accepts the first sender of the vehicle's heartbeats"
+        yield Check(WARN, "peer", f"{words}: set its address (link.peer), or sign (docs/signing.md)")

@@ -155,12 +155,12 @@ def _override(text: str) -> tuple[list[str], Any]:
     return key.strip().split("."), parsed
 
 
-def put(table: Any, keys: list[str], value: Any, said: str) -> None:
-    """Set a key in nested tables, creating missing tables. said: name of the value in errors. Raises MissionError."""
+def put(table: Any, keys: list[str], value: Any, source: str) -> None:
+    """Set a key in nested tables, creating missing tables. source: name of the value in errors. Raises MissionError."""
     for key in keys[:-1]:
         table = table.setdefault(key, {})
         if not isinstance(table, Mapping):
-            raise MissionError(f"{said}: {key} is a value, not a table")
+            raise MissionError(f"{source}: {key} is a value, not a table")
     table[keys[-1]] = value
 
 

@@ -11,7 +11,7 @@ from circnav_mav.mav.ranging.interface import OTHERS, describe_rejected
 from circnav_mav.mission.checks_ranging import height_cost
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import RANGING, VEHICLE
-from circnav_mav.pilot.survey import RangeHeard, Survey
+from circnav_mav.pilot.preflight_listener import PreflightListener, ReceivedRange
 
 FULL_RATE = 0.8
 """Share of the requested rate above which a rate counts as full."""
@@ -29,58 +29,58 @@ LATE = 0.1
 """Delay of a range on the link, s, above which preflight warns; chosen, two ticks."""
 
 
-def judge_ranging(mission: Mission, survey: Survey) -> Iterator[Check]:
+def judge_ranging(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
     """Check reception, rate, delay, noise and timestamps of the ranges."""
-    ranges, height = survey.ranges, survey.height.at(survey.end)
-    yield from _height(mission, survey, height)
-    if choice := survey.ranging.sources.choice(survey.end):
+    ranges, height = listener.ranges, listener.height.at(listener.end)
+    yield from _height(mission, listener, height)
+    if choice := listener.ranging.sources.choice(listener.end):
         # noise, age and distance of ranges to two targets have no meaning
         yield Check(FAIL, "ranging", f"{choice}. A flight would not engage")
         return
-    yield _heard(mission, survey)
-    yield _rejected(mission, survey)
+    yield _received(mission, listener)
+    yield _rejected(mission, listener)
     if len(ranges) >= 10:
         yield from _noise(mission, ranges)
     if mission.file.ranging.rate_name is not None:
-        yield from _rates(mission, survey)
+        yield from _rates(mission, listener)
     if ranges:
-        yield _age(mission, survey)
-        yield from _stamps(mission, survey)
+        yield _age(mission, listener)
+        yield from _stamps(mission, listener)
         yield _distance(ranges, height or 0.0)
         yield from _calibrated(mission, ranges)
 
 
-def _heard(mission: Mission, survey: Survey) -> Check:
+def _received(mission: Mission, listener: PreflightListener) -> Check:
     message = mission.file.ranging.message.upper()
-    if not survey.ranges:
-        if survey.carriers:
-            heard = "; ".join(f"{count} of {sender}" for sender, count in sorted(survey.carriers.items()))
+    if not listener.ranges:
+        if listener.carriers:
+            received = "; ".join(f"{count} of {sender}" for sender, count in sorted(listener.carriers.items()))
             return Check(
-                FAIL, "ranging", f"no usable {message}. Received: {heard}. Compare with the mission's [ranging]"
+                FAIL, "ranging", f"no usable {message}. Received: {received}. Compare with the mission's [ranging]"
             )
-        link = survey.connection.counts[RANGING if mission.file.ranging.endpoint else VEHICLE]
+        link = listener.connection.counts[RANGING if mission.file.ranging.endpoint else VEHICLE]
         return Check(FAIL, "ranging", f"no {message}; {link.describe()}")
     wanted, stale = mission.file.ranging.rate_hz, mission.stale
-    rate = len(survey.ranges) / survey.seconds
+    rate = len(listener.ranges) / listener.seconds
     grade = FAIL if rate < 1 / stale else PASS if rate >= FULL_RATE * wanted else WARN
-    words = f"{len(survey.ranges)} ranges in {survey.seconds:.1f} s, {rate:.1f} Hz, ranging.rate_hz = {wanted:g}"
-    return Check(grade, "ranging", f"{words}; newest {survey.ranges[-1].r:.2f} m")
+    words = f"{len(listener.ranges)} ranges in {listener.seconds:.1f} s, {rate:.1f} Hz, ranging.rate_hz = {wanted:g}"
+    return Check(grade, "ranging", f"{words}; newest {listener.ranges[-1].r:.2f} m")
 
 
-def _rejected(mission: Mission, survey: Survey) -> Check:
+def _rejected(mission: Mission, listener: PreflightListener) -> Check:
     """Check the share of rejected ranges. Messages of other sources do not count: only one source is used."""
-    rejected = survey.ranging.rejected
+    rejected = listener.ranging.rejected
     counts = {reason: count for reason, count in rejected.items() if reason not in OTHERS}
     words = describe_rejected(dict(sorted(rejected.items())))
-    share = sum(counts.values()) / max(sum(counts.values()) + len(survey.ranges), 1)
+    share = sum(counts.values()) / max(sum(counts.values()) + len(listener.ranges), 1)
     return Check(WARN if share > MOST_REJECTED else PASS, "rejected", words)
 
 
-def _rates(mission: Mission, survey: Survey) -> Iterator[Check]:
+def _rates(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
     """Check reception, noise and consistency with the ranges of the measured range rate."""
-    table, values = mission.file.ranging, survey.rates
+    table, values = mission.file.ranging, listener.rates
     name, wanted, assumed = table.rate_name, table.rate_hz, table.rate_sigma_mps
-    if trouble := survey.rate_reader.trouble:
+    if trouble := listener.rate_reader.trouble:
         yield Check(FAIL, "range rate", f"{name}: {trouble}")
         return
     if len(values) < 10:
@@ -92,7 +92,7 @@ def _rates(mission: Mission, survey: Survey) -> Iterator[Check]:
         words = f"all {len(values)} {name} are {values[0]:+.2f} m/s: frozen, or its resolution is too coarse"
         yield Check(WARN, "range rate", f"{words}; move the radio and repeat preflight")
         return
-    rate = len(values) / survey.seconds
+    rate = len(values) / listener.seconds
     timed = list(enumerate(values))
     noise = bulk_sigma([residual(*three) for three in zip(timed, timed[1:], timed[2:], strict=False)])
     enough, quiet = rate >= FULL_RATE * wanted, noise <= NOISE_NEAR * assumed * (1 + 1 / sqrt(len(values)))
@@ -102,7 +102,7 @@ def _rates(mission: Mission, survey: Survey) -> Iterator[Check]:
     yield Check(PASS if enough and quiet else WARN, "range rate", words)
 
 
-def _noise(mission: Mission, ranges: Sequence[RangeHeard]) -> Iterator[Check]:
+def _noise(mission: Mission, ranges: Sequence[ReceivedRange]) -> Iterator[Check]:
     if len({one.r for one in ranges}) == 1:
         words = (
             f"all {len(ranges)} ranges are {ranges[0].r:.2f} m: the radio is frozen, or its resolution is too coarse"
@@ -127,16 +127,16 @@ def outliers_among(residuals: Sequence[float], gate: float) -> float:
     return sum(abs(residual) > gate for residual in residuals) / 3 / len(residuals)
 
 
-def residuals_of(ranges: Sequence[RangeHeard]) -> list[float]:
+def residuals_of(ranges: Sequence[ReceivedRange]) -> list[float]:
     """Return the noise residuals of ranges, m. A turn with 1 m/s^2 at 10 Hz contributes only 4 mm."""
     moments = [(one.time, one.r) for one in ranges]
     threes = zip(moments, moments[1:], moments[2:], strict=False)
     return [float(residual(*three)) for three in threes if three[0][0] < three[1][0] < three[2][0]] or [0.0]
 
 
-def _age(mission: Mission, survey: Survey) -> Check:
-    age = survey.end - survey.ranges[-1].time
-    delays = sorted(one.arrival - one.time for one in survey.ranges)
+def _age(mission: Mission, listener: PreflightListener) -> Check:
+    age = listener.end - listener.ranges[-1].time
+    delays = sorted(one.arrival - one.time for one in listener.ranges)
     late = delays[int(0.95 * (len(delays) - 1))]
     stale = mission.stale
     grade = FAIL if age > stale else WARN if late > LATE else PASS
@@ -144,10 +144,10 @@ def _age(mission: Mission, survey: Survey) -> Check:
     return Check(grade, "age", f"newest range {age:.2f} s old (stale from {stale:g} s); {words}")
 
 
-def _stamps(mission: Mission, survey: Survey) -> Iterator[Check]:
+def _stamps(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
     """Check the speed of the sensor's clock. No line if it is wrong by the same factor as the autopilot's clock, which
     is checked separately."""
-    ranges, boot = survey.ranges, survey.boot
+    ranges, boot = listener.ranges, listener.boot
     if mission.file.ranging.stamp == "arrival":
         yield Check(PASS, "stamps", 'arrival times are used (ranging.stamp = "arrival")')
         return
@@ -167,15 +167,15 @@ def _stamps(mission: Mission, survey: Survey) -> Iterator[Check]:
         yield Check(FAIL, "stamps", f'{words}: its timestamps cannot be used, set ranging.stamp = "arrival"')
 
 
-def _height(mission: Mission, survey: Survey, height: float | None) -> Iterator[Check]:
+def _height(mission: Mission, listener: PreflightListener, height: float | None) -> Iterator[Check]:
     """Check a height that is computed from the vehicle's altitude. `check` covers a height given in the mission."""
-    if unknown := survey.height.why_unknown(survey.end):
+    if unknown := listener.height.why_unknown(listener.end):
         yield Check(FAIL, "height", unknown)
     elif mission.height.needs_altitude and height is not None:
         yield height_cost(mission, height)
 
 
-def _calibrated(mission: Mission, ranges: Sequence[RangeHeard]) -> Iterator[Check]:
+def _calibrated(mission: Mission, ranges: Sequence[ReceivedRange]) -> Iterator[Check]:
     """Report the newest range before and after the mission's calibration, for comparison with a tape measure."""
     calibration = mission.file.ranging.calibration
     if calibration.is_set:
@@ -184,7 +184,7 @@ def _calibrated(mission: Mission, ranges: Sequence[RangeHeard]) -> Iterator[Chec
         yield Check(PASS, "calibration", words)
 
 
-def _distance(ranges: Sequence[RangeHeard], height: float) -> Check:
+def _distance(ranges: Sequence[ReceivedRange], height: float) -> Check:
     r = ranges[-1].r
     if r <= abs(height):
         words = f"{r:.1f} m is less than the height of {height:.1f} m above the target: possible on the ground only"

@@ -100,11 +100,11 @@ class Authority:
         """True if the guided mode, should the vehicle be in it, is a result of our request."""
         return self._asked_in is not None and not self._operator_chose
 
-    def may_say_last_words(self) -> bool:
+    def may_send_last_frames(self) -> bool:
         """True if the caller may send the safe setpoint after the pilot has failed."""
         return self.in_our_hands and self._mission.phase not in NOT_OURS and not self._session.vehicle.unproven
 
-    def may_ask_for_exit(self, now: float) -> bool:
+    def may_request_exit(self, now: float) -> bool:
         """True if the caller may also request the exit action. The vehicle obeys a mode request even after a takeover,
         so its controller must be confirmed."""
         return self.certain and not self.may_be_backlog(now) and self._session.heartbeat_age(now) < SILENT
@@ -132,8 +132,8 @@ class Authority:
     def _hindrance(self, now: float, *, over_slow_link: bool = False) -> str:
         """Return the reason why the vehicle cannot be steered, regardless of its controller and mode, or an empty
         string."""
-        rivals = [] if self._mission.begun else self._session.identity.rivals.recent(now)
-        disputed = f"{rivals[0]}: select yours by link.peer, or sign" if rivals else ""
+        second_senders = [] if self._mission.begun else self._session.identity.second_senders.recent(now)
+        disputed = f"{second_senders[0]}: select yours by link.peer, or sign" if second_senders else ""
         slow = "" if over_slow_link else self._slow_link(now)
         silent = unreported(self._session, now) or unwatched(self._settings, self._session, now)
         return disputed or slow or silent or self._not_flying(now)
@@ -223,7 +223,7 @@ class Authority:
     def _watch_return(self, *, left: bool, in_mode: bool) -> None:
         """Detect that the operator returns the vehicle: the guided mode is left, entered again, and stays for
         GIVEN_AFTER."""
-        reported_at = self._session.vehicle.heard_at
+        reported_at = self._session.vehicle.received_at
         if left and self.holder is Holder.OPERATOR_IN_MODE:
             self.holder = Holder.OPERATOR
         if not in_mode or self.holder is not Holder.OPERATOR:

@@ -104,7 +104,7 @@ def _lost(name: str) -> Callable[["Pilot", float], object]:
 
 
 def _second_sender(name: str) -> Callable[["Pilot", float], object]:
-    return lambda p, now: [one for one in p.session.identity.rivals.recent(now) if one.startswith(name)]
+    return lambda p, now: [one for one in p.session.identity.second_senders.recent(now) if one.startswith(name)]
 
 
 # fmt: off

@@ -73,7 +73,7 @@ class Ending(Enum):
     ABORTED = "aborted"
     TAKEN_OVER = "ended"
     """The mode was changed: by the operator, or by a failsafe of the autopilot."""
-    NOTHING_HEARD = "nothing heard"
+    NOTHING_RECEIVED = "nothing received"
 
 
 NO_FAILURE = frozenset({Ending.COMPLETED, Ending.TAKEN_OVER})

@@ -149,7 +149,7 @@ class Pilot:
         mission, stalled = self.mission, self._authority.may_be_backlog(now)
         self.tracker.ranging.moving = mission.steering and self.flies
         if self.tracker.receive(message, now, source, stalled=stalled, begun=mission.begun):
-            self.scheduler.heard(now)
+            self.scheduler.received(now)
 
     # --- output: one step -------------------------------------------------------------------------------------------
 
@@ -177,8 +177,8 @@ class Pilot:
         desired, self.estimate = self.controller.circle.radius, estimate
         command = self.controller.command(self.mission.phase, estimate, self.session.timesync.worst, now)
         message, yaw_rate = self._setpoint(command, now)
-        phase, spoke = self.mission.phase, False
-        if message is not None and (spoke := send(self.session.encode(message))):
+        phase, was_sent = self.mission.phase, False
+        if message is not None and (was_sent := send(self.session.encode(message))):
             self.setpoints_sent += 1
             self.second_controller.sent(message, now)
             if yaw_rate is not None:
@@ -188,7 +188,7 @@ class Pilot:
         if rest := b"".join(map(self.session.encode, self._housekeeping(estimate, command, now))):
             send(rest)
         record = tick_record(
-            now, phase, estimate, command, yaw_rate if spoke else None, desired=desired, session=self.session,
+            now, phase, estimate, command, yaw_rate if was_sent else None, desired=desired, session=self.session,
             tracker=self.tracker, controller=self.controller, law=self.settings.law.name,
         )  # fmt: skip
         self._records.append(record)
@@ -319,7 +319,7 @@ class Pilot:
         mission, exit_action = self.mission, self._exit_action
         if allowed is Allowed.NOTHING:
             ours = self.flies and self._authority.may_be_ours(now)
-            over = not ours or exit_action.wait_to_speak(mission.since, now)
+            over = not ours or exit_action.wait_to_send(mission.since, now)
         else:
             over = exit_action.go_on(self.session, mission.since, now)
         if over:
@@ -328,13 +328,13 @@ class Pilot:
             mission.outcome = replace(mission.outcome, reason=f"{mission.outcome.reason}; {exit_action.failure}")
         return None if allowed is Allowed.NOTHING else self.controller.safe_setpoint(self.session, now)
 
-    def last_words(self, now: float) -> bytes:
+    def last_frames(self, now: float) -> bytes:
         """Return the safe setpoint and a request of the exit action, to be sent after the pilot itself has failed.
         Return no bytes if the vehicle is not under our control."""
-        if not self._authority.may_say_last_words():
+        if not self._authority.may_send_last_frames():
             return b""
         words = [self.controller.safe_setpoint(self.session, now)]
-        if self._authority.may_ask_for_exit(now):
+        if self._authority.may_request_exit(now):
             words += self._exit_action.at_once(self.session)
         return b"".join(map(self.session.encode, words))
 
@@ -382,7 +382,7 @@ class Pilot:
         return self.path.own
 
     @property
-    def believed(self) -> str:
+    def trusted(self) -> str:
         """Trusted senders (vehicle and radio) with their addresses, human-readable, or an empty string."""
         peer, radio = self.session.peer, self.tracker.ranging.trusted
         if peer is None or radio is None:

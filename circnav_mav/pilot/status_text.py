@@ -27,7 +27,7 @@ class StatusText:
         """Return the reason why the vehicle is not steered now, or an empty string."""
         phase = self.mission.phase
         if phase is Phase.WAIT_LINK:
-            rejected = self.connection.session.identity.rivals.recent(now) if self.mission.begun else ()
+            rejected = self.connection.session.identity.second_senders.recent(now) if self.mission.begun else ()
             return "; ".join(f"{line} until it reports its time since boot" for line in rejected) or self._no_vehicle()
         if phase is Phase.WAIT_RANGING:
             return self._not_ready(now)
@@ -48,9 +48,9 @@ class StatusText:
         if mission.begun or mission.started is None:
             return None
         if mission.phase is Phase.WAIT_LINK and now - mission.started > timing.wait_link:
-            return Outcome(Ending.NOTHING_HEARD, f"no vehicle: {self._no_vehicle()}")
+            return Outcome(Ending.NOTHING_RECEIVED, f"no vehicle: {self._no_vehicle()}")
         if mission.phase is Phase.WAIT_RANGING and waited > timing.wait_ranging:
-            return Outcome(Ending.NOTHING_HEARD, self._not_ready(now))
+            return Outcome(Ending.NOTHING_RECEIVED, self._not_ready(now))
         return None
 
     # --- missing data -----------------------------------------------------------------------------------------------
@@ -82,9 +82,9 @@ class StatusText:
         if ready and not sources.listened(now):
             return "checking for a second range source"
         wanted, rejected = RANGING_MESSAGES[self.settings.ranging.message], tracker.ranging.rejected
-        heard = self.connection.counts[self.connection.ranging_link].describe()
+        received = self.connection.counts[self.connection.ranging_link].describe()
         others = f"; {found}" if (found := sources.others(now)) else ""
-        words = f"rejected: {describe_rejected(rejected)}; {heard}{denied(self.connection.session)}{others}"
+        words = f"rejected: {describe_rejected(rejected)}; {received}{denied(self.connection.session)}{others}"
         return f"no ranging: no usable {wanted.type}, {words}"
 
     # --- lost data --------------------------------------------------------------------------------------------------

@@ -33,9 +33,9 @@ def write_report(
     circles: description. gate: innovation gate, standard deviations. verdict: text with the outcome in its first line.
     settings: values by key. added: HTML of extras.
     """
-    mode, happened = next((mode for mode in OutputMode if mode.value == run.voice), OutputMode.FLY), events(run)
+    mode, happened = next((mode for mode in OutputMode if mode.value == run.output_mode), OutputMode.FLY), events(run)
     names = {phase.value: phase_name(phase, mode) for phase in Phase}  # with the names used when nothing was sent
-    commanded = "commanded" if run.voice == OutputMode.FLY.value else "would command"
+    commanded = "commanded" if run.output_mode == OutputMode.FLY.value else "would command"
     data = chart_data(run.ticks, run.truth, orbit, names, gate=gate, commanded=commanded)
     outcome, _, figures = verdict.partition("\n")
     parts = {
@@ -101,11 +101,11 @@ def picture(path: Path, alt: str, style: str = "") -> str:
 
 def _events(happened: list[Event], names: dict[str, str]) -> str:
     """Return the table rows of events, without rejected ranges and laws. Of many, the first and the last."""
-    told = [event for event in happened if event.kind not in ("rejected", "law")]
+    listed = [event for event in happened if event.kind not in ("rejected", "law")]
     rows = [
         f"<tr><td>{event.time:.1f} s</td><td>{escape(event.kind)}</td>"
         f"<td>{escape(names.get(event.text, event.text))}</td></tr>"
-        for event in told
+        for event in listed
     ]
     if len(rows) > MOST_EVENTS:
         half = MOST_EVENTS // 2

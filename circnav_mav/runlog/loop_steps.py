@@ -20,7 +20,7 @@ from circnav_mav.mav.ranging.reader import RangeReader
 from circnav_mav.mav.ranging.sources import RangeSource
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.pilot import Pilot
-from circnav_mav.pilot.loop_step import HELD_BACK, LoopStep, requests_from
+from circnav_mav.pilot.loop_step import HELD_BACK, OLD_STEPS, STEPS, LoopStep, requests_from
 from circnav_mav.runlog.tlog import message_id, read_tlog, read_unbroken
 
 LINKS = {"v": "vehicle", "r": "ranging"}
@@ -34,10 +34,16 @@ LONGEST_SILENCE = 3_600_000_000
 """Longest gap in a log, us. A larger step forward is a clock that was set, such as from 1970 to now."""
 
 
+def steps_file(folder: Path) -> Path:
+    """Return the path of the steps of a run folder, also of an earlier version."""
+    old = folder / OLD_STEPS
+    return old if old.is_file() else folder / STEPS
+
+
 def recorded_steps(folder: Path) -> Iterator[LoopStep]:
     """Yield the steps of a run folder, up to the first damage or the end of a file. Raises OSError."""
     frames = (frame for _, frame in read_unbroken(folder / "flight.tlog"))
-    with closing(read_lines(folder / "turns.csv", errors="replace")) as lines:
+    with closing(read_lines(steps_file(folder), errors="replace")) as lines:
         rows = csv.reader(lines)
         try:
             next(rows, ())
@@ -50,12 +56,12 @@ def recorded_steps(folder: Path) -> Iterator[LoopStep]:
 
 def has_requests(folder: Path) -> bool:
     """True if the run folder was recorded by a version that stores requests for another circle. Raises OSError."""
-    with (folder / "turns.csv").open(encoding="utf-8", errors="replace") as file:
+    with steps_file(folder).open(encoding="utf-8", errors="replace") as file:
         return "requests" in file.readline()
 
 
 def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
-    """Return the step of a row of turns.csv, with its frames from the tlog. Raises ValueError or KeyError for a damaged
+    """Return the step of a row of steps.csv, with its frames from the tlog. Raises ValueError or KeyError for a damaged
     row or missing frames."""
 
     def take(count: int) -> list[bytes]:
@@ -64,12 +70,12 @@ def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
             raise ValueError("the log ends")
         return taken
 
-    time_us, datagrams, said, hello, interrupt, *later = row
-    parts, held_back = (datagram.partition("*") for datagram in datagrams.split()), said == HELD_BACK
+    time_us, datagrams, sent, hello, interrupt, *later = row
+    parts, held_back = (datagram.partition("*") for datagram in datagrams.split()), sent == HELD_BACK
     return LoopStep(
         int(time_us) / 1e6,
-        heard=[(LINKS[source[:1]], source, take(int(count))) for source, _, count in parts],
-        said=take(0 if held_back else int(said or 0)),
+        received=[(LINKS[source[:1]], source, take(int(count))) for source, _, count in parts],
+        sent=take(0 if held_back else int(sent or 0)),
         hello=take(int(hello or 0)),
         attached=take(int(later[0] or 0) if later else 0),
         requests=requests_from(later[1]) if len(later) > 1 else [],
@@ -182,7 +188,7 @@ class LogSources:
         wanted = frozenset({HEARTBEAT, *(one.id for one in RANGING_MESSAGES.values())})
         decoder, reader = Decoder(wanted=wanted), RangeReader(self.settings)
         for step in steps:
-            for frame in (frame for frame in step.frames_heard if message_id(frame) in wanted):
+            for frame in (frame for frame in step.received_frames if message_id(frame) in wanted):
                 for message in decoder.decode(frame):
                     self._count(message, reader, step.time)
             yield step

@@ -30,7 +30,7 @@ class _Manifest(BaseModel, strict=True):
     """Values of manifest.json that are read back. Their types are checked, because a user may have edited the file."""
 
     mission: str | None = None
-    voice: str | None = None
+    output_mode: str | None = None
     outcome: str | None = None
     reason: str | None = None
     seeds: dict[str, Any] | None = None
@@ -66,9 +66,9 @@ class Run:
     epoch_us: int
 
     @property
-    def voice(self) -> str:
+    def output_mode(self) -> str:
         """Output mode of the pilot, "fly" by default."""
-        return str(self.manifest.get("voice", "fly"))
+        return str(self.manifest.get("output_mode") or "fly")
 
     @property
     def name(self) -> str:
@@ -112,6 +112,8 @@ def open_run(folder: Path) -> Run:
     if not folder.is_dir() or not (folder / "flight.tlog").is_file() or not (folder / "mission.toml").is_file():
         raise RunError(f"{folder}: is not a run folder: flight.tlog or mission.toml is missing")
     manifest, summary = _table(folder / "manifest.json"), dict[str, Any]()
+    if "voice" in manifest:  # the key in run folders of earlier versions
+        manifest.setdefault("output_mode", manifest.pop("voice"))
     with suppress(RunError):  # its figures can be computed again
         summary = _table(folder / "summary.json")
     _check_types(folder / "manifest.json", manifest, _Manifest)

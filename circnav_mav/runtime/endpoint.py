@@ -17,12 +17,12 @@ REMEDIES: dict[int | None, str] = {
 
 
 class LinkError(Exception):
-    """One-line message: an endpoint that cannot be opened. nobody: True if the peer refused, False for a local
+    """One-line message: an endpoint that cannot be opened. no_peer: True if the peer refused, False for a local
     error."""
 
-    def __init__(self, text: str, *, nobody: bool = False) -> None:
+    def __init__(self, text: str, *, no_peer: bool = False) -> None:
         super().__init__(text)
-        self.nobody = nobody
+        self.no_peer = no_peer
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,5 +79,5 @@ def explain(error: Exception) -> str:
         error = OSError(*error.args)
     if isinstance(error, socket.gaierror | UnicodeError):  # UnicodeError: `10.0..1` cannot be a name
         return "unknown host name"
-    said = getattr(error, "strerror", None) or error
-    return REMEDIES.get(getattr(error, "errno", None), str(said).lower())
+    message = getattr(error, "strerror", None) or error
+    return REMEDIES.get(getattr(error, "errno", None), str(message).lower())

@@ -68,7 +68,7 @@ class SigningTime:
             raise KeyFileError(f"{path}: cannot be written: {error.strerror or error}") from None
         self._writer = ThreadPoolExecutor(1, "signing time")
 
-    def turn(self) -> None:
+    def advance(self) -> None:
         """Advance the timestamp. Call in every step of the loop."""
         self._signing.advance(self._clock())
         if self._signing.timestamp > self._reserved - RESERVE // 2:

@@ -14,7 +14,7 @@ from circnav_mav.guidance.types import TurnRate
 from circnav_mav.mav.frames import yaw_rate_from_turn_rate
 from circnav_mav.pilot import PilotSettings, TickRecord
 from circnav_mav.pilot.mission_state import Phase
-from circnav_mav.runtime.status import SILENCED, Status, told
+from circnav_mav.runtime.status import SILENCED, Status, status_facts
 
 STYLES = {Phase.ENGAGED: "green", Phase.HOLDING: "yellow", Phase.YIELDED: "magenta", Phase.LEAVING: "cyan"}
 NARROWEST, WIDEST = 80, 160
@@ -34,7 +34,7 @@ Row = tuple[str, str | Text]
 
 
 @dataclass(frozen=True, slots=True)
-class Signs:
+class Symbols:
     """Characters of the picture. levels: bars of the sparkline, low to high."""
 
     line: str
@@ -44,8 +44,8 @@ class Signs:
     plus_minus: str
 
 
-FINE = Signs("─", "┼", "●", "▁▂▃▄▅▆▇█", "±")
-ASCII = Signs("-", "|", "O", "_.-=+*%#", "+-")
+FINE = Symbols("─", "┼", "●", "▁▂▃▄▅▆▇█", "±")
+ASCII = Symbols("-", "|", "O", "_.-=+*%#", "+-")
 
 
 class Picture:
@@ -63,7 +63,7 @@ class Picture:
         self._width = min(max(columns, NARROWEST), WIDEST)
         folded = self._folded(status.alarms[:MOST_ALARMS])
         alarms: list[Row] = [(ALARM, Text(line, "bold reverse red")) for line in folded]
-        facts = told(status, self._settings, MOST_REASONS)
+        facts = status_facts(status, self._settings, MOST_REASONS)
         rows: list[Row] = [
             *self._phase(status, facts["flown"]),
             *(alarms or [("alarms", "none")]),

@@ -85,9 +85,9 @@ class RadioLink:
         failed = f"driver {self._name} failed"
         note(self.troubles, f"{failed}: {error!r:.{MOST_WORDS}}", f"{failed} with other errors")
 
-    def _watch(self, heard: bool, now: float) -> None:
+    def _watch(self, received: bool, now: float) -> None:
         """Count a trouble if bytes arrive but no range: probably a wrong baud rate or driver."""
-        if not heard and self._since is not None:
+        if not received and self._since is not None:
             if now - self._since < WATCHED:
                 return
             if self._driver.unread - self._unread >= MANY:

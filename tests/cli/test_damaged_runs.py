@@ -94,7 +94,7 @@ def test_a_summary_that_a_full_disk_left_half_written_is_no_obstacle(told, run):
         ("summary.json", {"samples_rejected": None}, "samples_rejected: should be a valid dictionary, not None"),
         ("manifest.json", {"versions": ["0.1.0"]}, "versions: should be a valid dictionary, not ['0.1.0']"),
         ("manifest.json", {"autopilot": "ArduCopter"}, "autopilot: must be a table, not 'ArduCopter'"),
-        ("manifest.json", {"voice": 1}, "voice: should be a valid string, not 1"),
+        ("manifest.json", {"output_mode": 1}, "output_mode: should be a valid string, not 1"),
     ],
 )
 def test_a_value_of_another_type_as_of_an_editor_is_named_with_its_file(told, run, name, values, says):
@@ -137,8 +137,8 @@ def spoil(path, at, data):
 def spoil_check(log):
     """A byte changed in an ATTITUDE (30) that came in."""
     frames = list(read_tlog(log))
-    heard = next(n for n, (_, frame) in enumerate(frames) if n > 100 and frame[5] != 255 and frame[7] == 30)
-    spoil(log, records(log)[heard] + 8 + 10, b"\xaa\x55")
+    received = next(n for n, (_, frame) in enumerate(frames) if n > 100 and frame[5] != 255 and frame[7] == 30)
+    spoil(log, records(log)[received] + 8 + 10, b"\xaa\x55")
 
 
 def test_a_log_that_was_cut_is_compared_up_to_there_and_called_cut(told, run):

@@ -29,7 +29,7 @@ def test_a_replay_is_written_over_an_earlier_one_and_over_no_flight_and_no_other
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        *((name, f"{name} already") for name in ("flight.tlog", "summary.json", "ticks.csv", "turns.csv")),
+        *((name, f"{name} already") for name in ("flight.tlog", "summary.json", "ticks.csv", "steps.csv")),
         ("manifest.json", "manifest.json already"),
         ("mission.toml", "another mission.toml"),
     ],

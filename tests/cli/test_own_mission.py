@@ -101,7 +101,7 @@ def runs(tmp_path) -> Path:
     folder = tmp_path / "runs"
     for name, days in (("young", 10), ("old", 40), ("noted", 50)):
         (folder / name).mkdir(parents=True)
-        for file in ("flight.tlog", "mission.toml", "ticks.csv", "turns.csv", "report.html"):
+        for file in ("flight.tlog", "mission.toml", "ticks.csv", "steps.csv", "report.html"):
             (folder / name / file).write_text("x" * 1000)
         os.utime(folder / name / "flight.tlog", (time.time() - 86400 * days,) * 2)
     (folder / "old" / "replay.png").write_text("made later")

@@ -63,7 +63,7 @@ def without(run, *names):
 
 
 def emptied(run):
-    for name in ("flight.tlog", "turns.csv", "ticks.csv"):
+    for name in ("flight.tlog", "steps.csv", "ticks.csv"):
         (run / name).write_bytes(b"")
     return run
 
@@ -77,9 +77,9 @@ def plain(run, data=b""):
     ("make", "options", "code", "says"),
     [
         (lambda run: without(run, "flight.tlog"), [], 2, "is not a run folder"),
-        (lambda run: without(run, "turns.csv"), [], 2, "has no turns.csv"),
+        (lambda run: without(run, "steps.csv"), [], 2, "has no steps.csv"),
         (lambda run: without(run, "manifest.json"), [], 2, "epoch_us"),
-        (emptied, [], 3, "nothing to replay: flight.tlog or turns.csv is empty, or damaged"),
+        (emptied, [], 3, "nothing to replay: flight.tlog or steps.csv is empty, or damaged"),
         (lambda run: run, ["--law", "spiral"], 2, "guidance.law: 'spiral' is not one of"),
         (lambda run: run, ["--estimator", "guess"], 2, "guidance.estimator: 'guess' is not"),
         (lambda run: run, ["--law", "smooth", "--set", "guidance.gain=1e-9"], 2, "refused by its checks, see FAIL"),

@@ -76,7 +76,7 @@ def test_what_never_left_is_called_so_and_names_are_no_markup_and_no_placeholder
         ("dry run", "would steer", "would command"),
         ("shadow", "would steer", "would command"),
     ):
-        with_manifest(voice=voice, mission="<script>alert(1)</script>@EVENTS@")
+        with_manifest(output_mode=voice, mission="<script>alert(1)</script>@EVENTS@")
         page, data = page_of()
         words = {word for _, _, word in data["bands"]["phase"]}
         assert words & {"engaged", "would steer"} == {phase}

@@ -5,7 +5,7 @@ import pytest
 
 from circnav_mav.pilot import Phase
 from circnav_mav.runtime.onlookers import Onlookers
-from circnav_mav.runtime.status import Watch
+from circnav_mav.runtime.status import StatusSource
 from tests.flight.lockstep import Flight, clockwise_turns, flight, last_third, mean_radius, rms_error
 
 RADIO = (
@@ -17,7 +17,7 @@ RADIO = (
 def flown(until, *overrides, law="smooth"):
     """A quickstart flight with such a radio, and when each alarm came first, by its first words."""
     under_way, alarms = flight("quickstart", *RADIO, *overrides, law=law), {}
-    watch = Watch(under_way.pilot, Onlookers())
+    watch = StatusSource(under_way.pilot, Onlookers())
 
     def look(now: Flight) -> None:
         if len(now.ticks) % 5 == 1:

@@ -68,7 +68,7 @@ def test_a_vehicle_without_our_key_is_not_flown(ours, theirs, overrides, reason,
     if reason is None:
         assert flown.vehicle.refused > 0
     else:
-        assert flown.outcome.ending is Ending.NOTHING_HEARD
+        assert flown.outcome.ending is Ending.NOTHING_RECEIVED
         assert set(flown.pilot.frames_refused()) == {reason}
         assert flown.setpoint_times == []
 

@@ -19,7 +19,7 @@ def lines(mission, subject, *overrides):
 
 def only(mission, subject, *overrides):
     (line,) = lines(mission, subject, *overrides)
-    assert "\n" not in line.says
+    assert "\n" not in line.text
     return line
 
 
@@ -90,7 +90,7 @@ def test_a_grade_turns_at_its_bound(mission, subject, overrides, grade):
 
 
 SIGNED = "signing.key_file=k"
-SAYS = [
+SENT_TYPES = [
     ("gain", "guidance.gain=2e-4", PASS, "smooth: k = 0.0002 1/m^2 (given), needs k > 1/(2 r_d^2) = 5e-05"),
     ("gain", "orbit.radius_m=100", PASS, "smooth: k = 0.0001 1/m^2 (default), needs k > 1/(2 r_d^2) = 5e-05"),
     # example 1 of the paper: r_a = 10.98684113 at r_d = 10, k = 0.01
@@ -143,10 +143,10 @@ SAYS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("subject", "overrides", "grade", "says"), SAYS)
+@pytest.mark.parametrize(("subject", "overrides", "grade", "says"), SENT_TYPES)
 def test_a_line_has_the_number_its_bound_and_the_remedy(mission, subject, overrides, grade, says):
     line = only(mission, subject, *overrides.split())
-    assert (line.grade, line.says) == (grade, says)
+    assert (line.grade, line.text) == (grade, says)
 
 
 @pytest.mark.parametrize(
@@ -178,7 +178,7 @@ def test_keys_of_an_earlier_version_load_without_effect_and_are_named_in_one_lin
     """Old mission files keep flying, and their owner learns what is used instead."""
     line = only(mission, "keys", "vehicle.loops.max_pitch_deg=11.0", "guidance.gate_sigma=4.0", "limits.hold_s=10.0")
     assert line.grade is WARN
-    assert line.says == (
+    assert line.text == (
         "without effect: vehicle.loops.max_pitch_deg is no longer a key (used instead: 15 degrees); "
         "guidance.gate_sigma is no longer a key (used instead: 5): delete them"
     )
@@ -197,14 +197,14 @@ def test_a_gain_that_does_not_do_for_the_whole_trim_of_the_radius_is_told(missio
 def test_a_gain_far_below_the_default_hardly_turns(mission):
     """V = 15 m/s and lags of about .4 and .6 s: k near .5/15."""
     line = only(mission, "gain", "guidance.law=feedforward", "guidance.gain=0.002")
-    assert line.grade is WARN and "with this gain the vehicle hardly turns" in line.says
+    assert line.grade is WARN and "with this gain the vehicle hardly turns" in line.text
     assert only(mission, "gain", "guidance.law=feedforward", "guidance.gain=0.01").grade is PASS
 
 
 def test_a_switching_law_beyond_the_vehicles_limit_is_told(mission):
     first, second = lines(mission, "turn rate", "guidance.law=switching", "guidance.gain=0.4")
     assert (first.grade, second.grade) == (PASS, WARN)
-    assert "22.92 deg/s" in second.says
+    assert "22.92 deg/s" in second.text
 
 
 def test_a_default_gain_is_lowered_for_a_vehicle_that_turns_late_but_stays_above_the_papers_bound(mission):
@@ -225,22 +225,22 @@ def test_a_bound_beyond_the_farthest_range_is_told(mission, bound, height, told)
 def test_a_px4_is_left_in_no_mode_to_which_it_would_return_by_itself(mission, leaves_it, autopilot, remedy):
     """It is back in OFFBOARD as soon as setpoints resume. With "auto", it may be a PX4 that is heard."""
     line = only(mission, "exit", f"vehicle.autopilot={autopilot}", leaves_it)
-    assert line.grade is FAIL and line.says.endswith(remedy)
+    assert line.grade is FAIL and line.text.endswith(remedy)
 
 
 @pytest.mark.parametrize("estimator", ["drift", "unicycle"])
 def test_a_copter_cannot_be_engaged_on_an_estimator_that_must_see_it_move_first(mission, estimator):
     line = only(mission, "estimator", f"guidance.estimator={estimator}")
-    assert line.grade is FAIL and 'guidance.estimator = "auto"' in line.says
+    assert line.grade is FAIL and 'guidance.estimator = "auto"' in line.text
 
 
 def test_the_settling_time_is_that_of_the_shortest_tangent_and_is_not_promised_for_a_law(mission):
     """500 m from a circle of 100 m at the worst heading, the Dubins path to the tangent point takes 42.1 s. Feedforward
     closes in at 0.55 V at most, which takes it 400/8.25 = 48 s for the straight way alone."""
     line = only(mission, "settling", "guidance.law=feedforward")
-    assert float(re.search(r"about (\d+) s", line.says)[1]) == pytest.approx(42.1, abs=1.5)
-    assert "at most" not in line.says
-    assert "laws on range alone may take twice as long" in line.says
+    assert float(re.search(r"about (\d+) s", line.text)[1]) == pytest.approx(42.1, abs=1.5)
+    assert "at most" not in line.text
+    assert "laws on range alone may take twice as long" in line.text
 
 
 TIGHT = ("guidance.law=auto", *PLANE, "vehicle.turn_lag_s=0.5", "vehicle.max_turn_rate_deg_s=60.0")
@@ -251,7 +251,7 @@ def test_a_circle_on_which_the_loop_has_too_little_margin_warns_and_names_one_th
     """60 m at 15 m/s swung in 5 m/s of wind on firmware, where the geometry allows 5.6 m/s."""
     line = only(mission, "margin", *TIGHT, f"orbit.radius_m={radius}")
     assert line.grade is grade
-    assert ("a radius of 65 m suffices for up to 5.0 m/s" in line.says) == (radius == 60)
+    assert ("a radius of 65 m suffices for up to 5.0 m/s" in line.text) == (radius == 60)
 
 
 def test_the_margin_is_of_the_laws_that_are_tuned_by_the_delay(mission):

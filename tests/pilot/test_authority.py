@@ -77,7 +77,7 @@ def test_streams_that_the_vehicle_denies_are_asked_for_once_and_named_when_the_f
     since = rig.run(5.0, denies, ranges=False).now
     assert rig.run(15.0, denies).commands(SET_INTERVAL, since) == []
     rig.run(3.0)
-    assert rig.pilot.mission.outcome.ending is Ending.NOTHING_HEARD
+    assert rig.pilot.mission.outcome.ending is Ending.NOTHING_RECEIVED
     assert "streams denied by the vehicle" in rig.pilot.mission.outcome.reason
     assert "VFR_HUD" in rig.pilot.mission.outcome.reason
     assert rig.setpoints() == []
@@ -138,7 +138,7 @@ def test_an_interrupt_sends_no_setpoint_to_a_vehicle_that_was_not_engaged(output
     rig = Rig(output_mode=output_mode).run(5.0, mode=mode)
     rig.pilot.interrupt(rig.now, "SIGINT")
     assert rig.run(1.0).pilot.done
-    assert rig.setpoints() == [] and rig.pilot.last_words(rig.now) == b""
+    assert rig.setpoints() == [] and rig.pilot.last_frames(rig.now) == b""
 
 
 # --- the mission's own bounds, and another companion ---

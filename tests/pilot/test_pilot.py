@@ -71,17 +71,17 @@ def test_every_step_that_acted_leaves_one_record(rig):
 def test_a_vehicle_that_does_not_turn_as_told_teaches_the_estimator_no_motion(rig):
     """A copter that no longer hears us stands still: at the speed it was told, it would be somewhere else."""
     rig.engage()
-    heard, heading = [], [0.0]
-    rig.pilot.tracker.estimator.move = heard.append
+    received, heading = [], [0.0]
+    rig.pilot.tracker.estimator.move = received.append
 
     def tells_heading(turns):
         heading[0] += 0.05 * rig.setpoints()[-1].yaw_rate if turns else 0.0
         rig.hear(attitude(round(1000 * rig.now), heading[0]))
 
     for turns in (True, False):
-        heard.clear()
+        received.clear()
         rig.run(10.0, lambda turns=turns: tells_heading(turns))
-        assert len([own for own in heard if own.time > rig.now - 5.0]) == (99 if turns else 0)
+        assert len([own for own in received if own.time > rig.now - 5.0]) == (99 if turns else 0)
 
 
 def test_a_setpoint_is_sent_alone_and_everything_else_that_is_due_is_sent_after_it(rig):
@@ -328,6 +328,6 @@ def test_a_mission_that_waits_in_vain_ends_and_says_what_was_heard(limit, hears,
     rig = Rig(timing=timing(**{limit: 2.0}))
     rig.pilot.receive(hears, rig.now, rig.source)
     outcome = rig.run(3.0, **state).pilot.mission.outcome
-    assert outcome.ending is Ending.NOTHING_HEARD
+    assert outcome.ending is Ending.NOTHING_RECEIVED
     assert outcome.reason.startswith(begins) and outcome.reason.endswith(ends)
     assert bool(" no_range; received " in outcome.reason) is (limit == "wait_ranging")

@@ -22,7 +22,7 @@ def ranging(**changes):
 
 
 def test_a_radio_of_the_missions_component_on_another_vehicle_is_not_ours():
-    rig, heard = Rig(ranging=ranging(component_id=192)), []
+    rig, received = Rig(ranging=ranging(component_id=192)), []
     ours, theirs, their_vehicle = Voice(1, 192), Voice(2, 192), Voice(2, 1)
     rig.run(0.5, ranges=False)
 
@@ -30,11 +30,11 @@ def test_a_radio_of_the_missions_component_on_another_vehicle_is_not_ours():
         rig.hear(heartbeat(GUIDED), voice=their_vehicle)
         rig.range(4000, voice=theirs)
         rig.range(15000, voice=ours)
-        heard.append(rig.pilot.tracker.newest)
+        received.append(rig.pilot.tracker.newest)
 
     rig.run(5.0, both_radios)
-    assert {sample.r for sample in heard if sample and sample.time > 2.0} <= {150.0, 150.01}
-    assert heard[-1].time > rig.now - 0.2
+    assert {sample.r for sample in received if sample and sample.time > 2.0} <= {150.0, 150.01}
+    assert received[-1].time > rig.now - 0.2
 
 
 def test_a_radio_that_takes_the_place_of_another_before_the_flight_has_a_clock_of_its_own(rig):

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mav.codec import Decoder
 from circnav_mav.runtime.onlookers import Onlookers
-from circnav_mav.runtime.status import Watch
+from circnav_mav.runtime.status import StatusSource
 from tests.flight.lockstep import Flight, flight
 from tests.rig import LOITER, MISSION, Rig
 
@@ -35,7 +35,7 @@ def test_a_drift_that_the_circle_does_not_allow_is_said_once_and_shown():
     (said,) = (text for text in texts if "allows" in text)
     assert said.startswith(("circnav: drift 6.", "circnav: drift 5."))
     assert said.endswith("m/s, this circle allows 2.7")
-    alarms = Watch(flown.pilot, Onlookers()).status(flown.ticks[-1], 30.0).alarms
+    alarms = StatusSource(flown.pilot, Onlookers()).status(flown.ticks[-1], 30.0).alarms
     assert [alarm.split(":")[0] for alarm in alarms] == ["DRIFT TOO STRONG"]
 
 

@@ -25,7 +25,7 @@ PLAIN = ('guidance.law="smooth"', 'guidance.estimator="kalman"')
 
 def settings_of(folder, *overrides):
     run = open_run(folder)
-    return parse_mission(run.mission_text, "mission.toml", overrides).pilot_settings(OutputMode(run.voice))
+    return parse_mission(run.mission_text, "mission.toml", overrides).pilot_settings(OutputMode(run.output_mode))
 
 
 def replayed(folder, *overrides):
@@ -110,7 +110,7 @@ def test_another_law_commands_other_turns_from_the_same_estimates(flown):
 def test_a_log_that_was_cut_off_is_replayed_up_to_there(flown, tmp_path, kept):
     for path in flown.iterdir():
         data = path.read_bytes()
-        cut = kept if path.name in ("flight.tlog", "turns.csv") else 1
+        cut = kept if path.name in ("flight.tlog", "steps.csv") else 1
         (tmp_path / path.name).write_bytes(data[: int(cut * len(data))])
     _, done = replayed(tmp_path)
     assert done.identical

@@ -71,7 +71,7 @@ def refusal(text):
         open_link(text)
     words = str(caught.value)
     assert words.startswith(f"endpoint {text}: ")
-    return words.removeprefix(f"endpoint {text}: "), caught.value.nobody
+    return words.removeprefix(f"endpoint {text}: "), caught.value.no_peer
 
 
 def test_a_serial_device_that_is_not_there_is_refused_and_one_without_the_package_for_it_says_what_to_install(

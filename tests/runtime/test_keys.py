@@ -85,7 +85,7 @@ class Flight:
 
     def turn(self, seconds: float) -> None:
         self.seconds = seconds
-        self.kept.turn()
+        self.kept.advance()
 
     @property
     def signed(self) -> float:

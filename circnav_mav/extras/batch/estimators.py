@@ -9,7 +9,7 @@ from circnav_mav.extras.batch.range_rate import RangeRate, observe, observe_rate
 from circnav_mav.extras.batch.world import Truth, along
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.multiple_model import MultipleModelFilter, Stage
-from circnav_mav.guidance.estimators.relative_ekf import KAPPA, Felt, R, Rates, drift, position
+from circnav_mav.guidance.estimators.relative_ekf import KAPPA, R, Rates, VelocityChange, drift, position
 from circnav_mav.guidance.estimators.unicycle import SURE, UnicycleFilter
 from circnav_mav.guidance.maths import Array, chord, wrap
 from circnav_mav.guidance.types import RelativeMotion
@@ -136,7 +136,7 @@ class Auto(Estimator):
         if measured.velocity_change is not None:
             air = measured.airspeed * along(measured.psi) - before * along(psi)
             nose = (along(measured.psi) + along(psi)) / 2
-            felt = Felt(measured.velocity_change, air, dt * nose, measured.airspeed * measured.turn_rate)
+            felt = VelocityChange(measured.velocity_change, air, dt * nose, measured.airspeed * measured.turn_rate)
         self._before, valid = (measured.psi, measured.airspeed), measured.arrived & measured.flies
         rates = None
         if measured.rate is not None:

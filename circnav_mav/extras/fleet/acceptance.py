@@ -156,7 +156,7 @@ class Member:
 
     report: MemberReport
     address: Hashable
-    heard_at: float
+    received_at: float
     jumped: tuple[MemberReport, MemberReport] | None = None
 
 
@@ -306,7 +306,7 @@ class Acceptance:
         # Signed frames are accepted from any address: otherwise a relay that is faster than the sender could make the
         # sender's own frames look foreign. Two addresses still raise an alarm. Without signatures, only the first
         # address is accepted until it is silent.
-        if address != known.address and now - known.heard_at <= MOVES_AFTER:
+        if address != known.address and now - known.received_at <= MOVES_AFTER:
             detail = f"id {report.member} at {spelt(known.address)} and at {spelt(address)}"
             if self._signing is None:
                 raise RejectedError(Rejection.SAME_ID, detail)
@@ -329,13 +329,13 @@ class Acceptance:
         if known.jumped and phase_error(newest, report) > phase_tolerance(newest, report):
             first = report
         known.jumped = (first, report)
-        known.heard_at = now
+        known.received_at = now
         if report.stamp - first.stamp < CONFIRMED_AFTER:
             raise RejectedError(Rejection.PHASE_JUMP, f"id {report.member} by {error * 180 / pi:.0f} deg")
 
     def _forget(self, now: float) -> None:
         """Remove silent members, and members with reception times in the future after the clock was set back."""
-        for ident in [one for one, member in self.members.items() if abs(now - member.heard_at) > FORGET_AFTER]:
+        for ident in [one for one, member in self.members.items() if abs(now - member.received_at) > FORGET_AFTER]:
             del self.members[ident]
 
     def _remember(self, frame: bytes, now: float) -> None:

@@ -49,8 +49,8 @@ def emulate_fleet(
             lasts = [] if duration is None else ["--duration", str(duration)]
             command = [sys.executable, "-P", "-m", "circnav_sim", str(file), "--endpoint", where, "--speed", str(speed)]
             processes.append(running.enter_context(_ended(subprocess.Popen([*command, *lasts]))))
-            told = [one for one in overrides if one.startswith(("fleet.", "orbit."))]
-            keys = " ".join(f"--set {one}" for one in [*told, f"vehicle.system_id={member}"])
+            named = [one for one in overrides if one.startswith(("fleet.", "orbit."))]
+            keys = " ".join(f"--set {one}" for one in [*named, f"vehicle.system_id={member}"])
             say(f"member {member} on {where}: fly it with {keys}")
         while any(process.poll() is None for process in processes) and stop.signal_name is None:
             select.select([stop], [], [], LOOK_EVERY)

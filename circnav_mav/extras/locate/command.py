@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
-from circnav_mav.extras.locate.estimator import Knowledge, NotYet, locate_as_it_shows
+from circnav_mav.extras.locate.estimator import Knowledge, NotLocated, locate_as_it_shows
 from circnav_mav.extras.locate.export import geojson, kml
 from circnav_mav.extras.locate.logs.interface import UNITS, ReadOptions, meters_in
 from circnav_mav.extras.locate.logs.table import read_logs, with_positions
@@ -78,7 +78,7 @@ def locate_log(
             if place is not None:
                 places[tag] = place
         if not places:
-            raise Refused(f"{source}: no target was located", Exit.NOTHING_HEARD)
+            raise Refused(f"{source}: no target was located", Exit.NOTHING_RECEIVED)
         _write(out, source, places, logs)
         if params is not None:
             say("\n".join(PARAMETERS[params](places)))
@@ -96,7 +96,7 @@ def read(source: Path, options: ReadOptions, positions: str | None) -> list[Rang
         return with_positions(logs, carriers, Path(positions))
     except RunError as error:
         empty = isinstance(error, EmptyLogError)
-        raise Refused(str(error), Exit.NOTHING_HEARD if empty else Exit.USAGE) from None
+        raise Refused(str(error), Exit.NOTHING_RECEIVED if empty else Exit.USAGE) from None
 
 
 def _zone(given: str | None) -> timezone | ZoneInfo | None:
@@ -139,15 +139,15 @@ def _one(
 ) -> Place | None:
     """Locate a tag and print the result. Return None if it was not located."""
     plane = log.plane()
-    ranges, said = log.of(tag, sigma)
+    ranges, sigma_known = log.of(tag, sigma)
     ranges = corrected(ranges, calibration)
-    track, known = log.track(plane), replace(known, sigma_known=said)
+    track, known = log.track(plane), replace(known, sigma_known=sigma_known)
     say(f"{tag}: {len(ranges.r)} ranges{f' of {log.vehicle}' if log.vehicle else ''}")
     with _busy(f"locating {tag}"):
         place = locate_as_it_shows(plane, track, ranges, known)
         found = place if isinstance(place, Place) else None
         better = better_unit(plane, track, ranges, known, found) if search_unit else None
-    if isinstance(place, NotYet):
+    if isinstance(place, NotLocated):
         say(f"  WARNING    not located: {place.why}")
     else:
         _say(place, known)

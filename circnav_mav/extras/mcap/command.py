@@ -19,7 +19,7 @@ def export_run(folder: str, mcap: str | None) -> int:
         _check_place(path)
         run = open_run(Path(folder))
         if not len(run.ticks.time):
-            raise Refused(f"{folder}: an empty run without records", Exit.NOTHING_HEARD)
+            raise Refused(f"{folder}: an empty run without records", Exit.NOTHING_RECEIVED)
         try:
             from circnav_mav.extras.mcap.export import export_mcap
 

@@ -10,7 +10,7 @@ from circnav_mav.guidance.estimators.dead_reckoning import Belief, FlownPath, Pa
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.multiple_model import TRUSTED, MultipleModelFilter, Stage
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
-from circnav_mav.guidance.estimators.relative_ekf import DX, DY, KAPPA, Felt, Rates, drift
+from circnav_mav.guidance.estimators.relative_ekf import DX, DY, KAPPA, Rates, VelocityChange, drift
 from circnav_mav.guidance.maths import Array
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample, RelativeMotion
 
@@ -74,7 +74,7 @@ class DriftEstimator(Estimator):
             return Fused.GATED
         self._range_at = sample.time
         ranges = np.array([sample.r]), np.array([sample.sigma]), np.array([True])
-        self.bank.observe(*_step(before or knot, knot), *ranges, _felt(before, knot))
+        self.bank.observe(*_step(before or knot, knot), *ranges, _velocity_change(before, knot))
         self._asked = None
         self._used, self._sigma, self._astray = knot, sample.sigma, False
         self._remember(sample.time)
@@ -91,7 +91,7 @@ class DriftEstimator(Estimator):
         air = V * np.array([[np.cos(psi)], [np.sin(psi)]])
         rates = Rates(np.array([sample.r_dot]), np.array([sample.sigma]), np.array([True]), air)
         ranges = nothing, nothing + self._sigma, nothing > 0
-        self.bank.step(*_step(before, knot), *ranges, _felt(before, knot), rates)
+        self.bank.step(*_step(before, knot), *ranges, _velocity_change(before, knot), rates)
         self._used = knot
 
     def at(self, time: float) -> RangeEstimate | None:
@@ -108,7 +108,7 @@ class DriftEstimator(Estimator):
         mean, covariance = tuple(self.bank.mean[:, 0].tolist()), self.bank.covariance[:, :, 0]
         belief = Belief(mean, covariance, *self.bank.assumed[:, 0].tolist())
         dt, chord = max(own.time - then.motion.time, 0.0), (knot.x - then.x, knot.y - then.y)
-        felt = knot.felt_since(then)
+        felt = knot.velocity_change_since(then)
         at = predict_belief(belief, dt, chord, heading=own.heading, airspeed=own.airspeed, felt=felt)
         # without ranges, the uncertainty of the prediction grows
         bound = max(TRUSTED, GROWN * float(self.bank.spread[0]))
@@ -126,7 +126,7 @@ class DriftEstimator(Estimator):
             trusted=steers,
             trial=None if tracks else int(self.bank.most_likely[0]),
             drift_remembered=self.bank.remembers,
-            feels=belief.feels if tracks and felt is not None else 0.0,
+            acceleration_weight=belief.acceleration_weight if tracks and felt is not None else 0.0,
             drift_covariance=(covariance.item(DX, DX), covariance.item(DX, DY), covariance.item(DY, DY)),
         )
         return RangeEstimate(
@@ -215,7 +215,7 @@ def _step(before: PathPoint, after: PathPoint) -> tuple[Array, Array]:
     return np.array([dt]), np.array([[after.x - before.x], [after.y - before.y]])
 
 
-def _felt(before: PathPoint | None, after: PathPoint) -> Felt | None:
+def _velocity_change(before: PathPoint | None, after: PathPoint) -> VelocityChange | None:
     """Return the accelerations measured between two knots as arrays for a single flight, or None."""
-    felt = None if before is None else after.felt_since(before)
-    return None if felt is None else Felt(*(np.array(part)[..., None] for part in felt))
+    felt = None if before is None else after.velocity_change_since(before)
+    return None if felt is None else VelocityChange(*(np.array(part)[..., None] for part in felt))

@@ -89,8 +89,8 @@ class UnicycleFilter:
         self.x[0] = np.maximum(self.x[0], CLOSEST)
         self.x[1] = wrap(self.x[1])
         self.P = self.P - K[:, None] * PH[None]
-        said = np.maximum(-0.5 * nis, -0.5 * self._gate**2) - 0.5 * np.log(np.maximum(S, 1e-9))
-        self.log_weight = self.log_weight + np.where(arrived, said, 0.0)
+        likelihood = np.maximum(-0.5 * nis, -0.5 * self._gate**2) - 0.5 * np.log(np.maximum(S, 1e-9))
+        self.log_weight = self.log_weight + np.where(arrived, likelihood, 0.0)
         self.log_weight = self.log_weight - self.log_weight.max(axis=0)
         best = self.log_weight.argmax(axis=0)
         self.nis = np.where(arrived, nis[best, np.arange(best.size)], self.nis)

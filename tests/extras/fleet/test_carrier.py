@@ -267,7 +267,7 @@ def test_reports_are_in_the_tlog_without_signatures_and_are_read_back(tmp_path):
     recorder.close()
     assert recorder.problem is None
     back = list(recorded_steps(recorder.folder))
-    assert [one.frames_heard for one in back] == [one.frames_heard for one in steps]
+    assert [one.received_frames for one in back] == [one.received_frames for one in steps]
     assert [one.exchanged for one in back] == [one.exchanged for one in steps] and len(back) == 9
     read = list(recorded_reports(recorder.folder / "flight.tlog"))
     assert [(at, one.member, one.stamp) for at, one in read] == [

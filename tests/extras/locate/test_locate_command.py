@@ -286,7 +286,7 @@ def test_bad_input_is_one_line_that_names_file_and_remedy(tmp_path, text, says):
 
 
 def test_a_log_that_is_not_there_is_bad_usage_whatever_its_name(tmp_path):
-    for name, exit in (("nothing in it.csv", Exit.USAGE), ("empty.csv", Exit.NOTHING_HEARD)):
+    for name, exit in (("nothing in it.csv", Exit.USAGE), ("empty.csv", Exit.NOTHING_RECEIVED)):
         (tmp_path / "empty.csv").write_text("time,lat,lon,range\n")
         with pytest.raises(Refused) as refusal:
             run(tmp_path / name)

@@ -17,7 +17,7 @@ def mission(*overrides):
 
 def said(*overrides):
     """The grades and texts of the check lines about the survey."""
-    return [(line.grade, line.says) for line in check_mission(mission(*overrides)) if line.subject == "locate"]
+    return [(line.grade, line.text) for line in check_mission(mission(*overrides)) if line.subject == "locate"]
 
 
 @pytest.mark.parametrize("where", ["239.2.3.1:99999", "239.2.3.1:0", "239.2.3.1", ":6969", "::1:6969", "tak:x"])

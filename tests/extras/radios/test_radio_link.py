@@ -25,8 +25,8 @@ class Wire:
         self.troubles, self.waiting = Counter(), []
 
     def receive(self, now):
-        heard, self.waiting = self.waiting, []
-        return heard
+        received, self.waiting = self.waiting, []
+        return received
 
 
 class Radio:

@@ -10,7 +10,7 @@ from circnav_sim.faults import CLEAN, Impairment
 
 from circnav_mav.pilot import Ending
 from circnav_mav.runtime.onlookers import Onlookers
-from circnav_mav.runtime.status import Watch
+from circnav_mav.runtime.status import StatusSource
 from tests.tools.faults.course import BAND, Course, Keys, on_the_circle
 
 LAW = "smooth"
@@ -150,7 +150,7 @@ class Told:
     """What the operator is shown: alarms, what is waited for, and how it ended."""
 
     def __init__(self, course: Course) -> None:
-        self._watch, self._next = Watch(course.pilot, Onlookers()), course.now
+        self._watch, self._next = StatusSource(course.pilot, Onlookers()), course.now
         self.lines: dict[str, None] = {}
 
     def look(self, course: Course) -> None:
