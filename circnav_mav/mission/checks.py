@@ -102,9 +102,9 @@ def _gain(mission: Mission) -> Iterator[Check]:
     weak = (
         f"; the default is {mission.default_gain:.4g}, with this gain the vehicle hardly turns" if grade is WARN else ""
     )
-    whose = "given" if mission.file.guidance.gain else "default"
+    origin = "given" if mission.file.guidance.gain else "default"
     needs = law.gain_condition + (f" = {bound:.4g}" if bound else "")
-    yield Check(grade, "gain", f"{law.name}: k = {gain:.4g} {law.gain_unit} ({whose}), needs {needs}{weak}")
+    yield Check(grade, "gain", f"{law.name}: k = {gain:.4g} {law.gain_unit} ({origin}), needs {needs}{weak}")
 
 
 def _trim(mission: Mission) -> Iterator[Check]:

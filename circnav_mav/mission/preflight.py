@@ -184,11 +184,11 @@ def _motion(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
         elif name == "airspeed" and listener.airspeed == 0 and not session.vehicle.armed:
             yield Check(WARN, name, "0 m/s, as before take-off; a flight engages only above 0 m/s")
         else:
-            whose = f"a {session.adapter.name}" if name in session.adapter.needs else "the mission"
+            user = f"a {session.adapter.name}" if name in session.adapter.needs else "the mission"
             why = ": no VFR_HUD" if listener.airspeed is None else ""
             if name == "airspeed" and listener.airspeed is not None and isnan(listener.airspeed):
                 why = ": VFR_HUD has none (NaN), is there an airspeed sensor?"
-            yield Check(FAIL, name, f"not received{why}; {whose} needs it")
+            yield Check(FAIL, name, f"not received{why}; {user} needs it")
 
 
 def _needs(mission: Mission, listener: PreflightListener) -> frozenset[str]:

@@ -156,10 +156,6 @@ TABLE = (
     ),
     ENDED,
     Condition(
-        "yielded", lambda p, now: p.mission.phase is Phase.YIELDED,
-        long="OPERATOR HAS THE VEHICLE, mode {p.session.vehicle.mode_name}",
-    ),
-    Condition(
         "link_silent", lambda p, now: SILENT < (age := p.session.heartbeat_age(now)) < inf and age,
         short="link silent", over="link restored", long="LINK SILENT for {found:.1f} s",
     ),

@@ -110,11 +110,11 @@ class LogClock:
     """Run time from the timestamps (us) of a plain tlog, whose clock may have been set during the flight.
 
     A step of the clock counts as no time, and a single wrong timestamp is ignored. steps: (run time, size) of each
-    step, s. lone: error of each single wrong timestamp, s.
+    step, s. single: error of each single wrong timestamp, s.
     """
 
     steps: list[tuple[float, float]] = field(default_factory=list)
-    lone: list[float] = field(default_factory=list)
+    single: list[float] = field(default_factory=list)
     _newest: int | None = None
     _run: int = 0
 
@@ -124,11 +124,11 @@ class LogClock:
         moved = stamp - newest
         # A timestamp far off is either a damaged record or a clock that was set. The timestamp after it decides: if it
         # continues from the old time, the record was damaged. If it stays at the new time, the clock was set.
-        alone = following is not None and _is_lone(moved, following - newest)
+        alone = following is not None and _is_single(moved, following - newest)
         if -DISORDER <= moved <= USUAL or (0 < moved <= LONGEST_SILENCE and not alone):
             self._newest, self._run = newest + max(moved, 0), self._run + max(moved, 0)
         elif alone:
-            self.lone.append(moved / 1e6)
+            self.single.append(moved / 1e6)
         else:
             self.steps.append((self._run / 1e6, moved / 1e6))
             self._newest = stamp
@@ -141,15 +141,17 @@ class LogClock:
             at, size = max(self.steps, key=lambda step: abs(step[1]))
             how_many = "1 time" if len(self.steps) == 1 else f"{len(self.steps)} times, at most"
             problems.append(f"its clock steps {how_many} by {size:+.1f} s (at {at:.1f} s), which is ignored")
-        if self.lone:
+        if self.single:
             how_many = (
-                "1 single timestamp is" if len(self.lone) == 1 else f"{len(self.lone)} single timestamps are, at most,"
+                "1 single timestamp is"
+                if len(self.single) == 1
+                else f"{len(self.single)} single timestamps are, at most,"
             )
-            problems.append(f"{how_many} off by {max(self.lone, key=abs):+.1f} s")
+            problems.append(f"{how_many} off by {max(self.single, key=abs):+.1f} s")
         return "; ".join(problems)
 
 
-def _is_lone(moved: int, then: int) -> bool:
+def _is_single(moved: int, then: int) -> bool:
     """True if only one timestamp is far off and the one after it continues from the last. Both relative to the last,
     us."""
     return -DISORDER <= then <= LONGEST_SILENCE and (moved < 0 or then < moved - DISORDER)

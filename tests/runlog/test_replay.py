@@ -185,7 +185,7 @@ HOUR, YEAR = 3600, 31_536_000
          "the first ahead", "from 1970", "from 0", "again and again", "one a year ahead", "one a year back",
          "one half an hour ahead"],
 )  # fmt: skip
-def test_a_clock_that_was_set_takes_no_time_and_is_told(flown, tmp_path, stamp, seconds, steps, lone, says):
+def test_a_clock_that_was_set_takes_no_time_and_is_told(flown, tmp_path, stamp, seconds, steps, single, says):
     """The flight with other stamps, stamp(number of the record, us) -> us, in the same time: what is lost is a turn for
     each step, and all that has no time; what disorder may add is 40 ms."""
     records = enumerate(read_tlog(flown / "flight.tlog"))
@@ -196,6 +196,6 @@ def test_a_clock_that_was_set_takes_no_time_and_is_told(flown, tmp_path, stamp, 
     assert times == sorted(times)
     assert times[-1] - times[0] == pytest.approx(seconds, abs=0.6)
     assert says in str(clock) and bool(says) == bool(str(clock))
-    assert len(clock.lone) == lone
+    assert len(clock.single) == single
     if steps is not None:
         assert [size for _, size in clock.steps] == pytest.approx(steps, abs=5.0, rel=1e-4)

@@ -118,9 +118,9 @@ def test_plain_lines_come_once_a_second_and_none_between():
     display.close()
     believed, lines = [], []
     for line in console.export_text().strip().splitlines():
-        (believed if "BELIEVED" in line else lines).append(line)
+        (believed if "TRUSTED" in line else lines).append(line)
     assert flown.pilot.done
-    assert believed == ["  BELIEVED 1/1 at sim, ranges of 1/192"]
+    assert believed == ["  TRUSTED  1/1 at sim, ranges of 1/192"]
     assert len(lines) == 1 + int(flown.now)
     assert "engaged" in lines[5]
     assert "mode GUIDED" in lines[-1]

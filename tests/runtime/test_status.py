@@ -38,7 +38,7 @@ def drawn(status, *, ascii_only=False, settings=SETTINGS, columns=80):
         (4.0, GROUND, None, "ready", "the vehicle is on the ground", ""),
         (12.0, [], None, "engaged", "", ""),
         (10.2, [], "outage", "holding", "", STALE),
-        (9.0, ['engage.on_takeover="wait"'], "takeover", "yielded", BACK, "OPERATOR HAS THE VEHICLE, mode LOITER"),
+        (9.0, ['engage.on_takeover="wait"'], "takeover", "yielded", BACK, ""),
         (9.0, [], "takeover", "ended", "", ""),
         (8.0, ["ranging.max_range_m=50.0"], None, "waiting for ranging", "no ranging: ",
          "MOST RANGES REJECTED: .* per second"),

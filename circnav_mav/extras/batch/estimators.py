@@ -143,9 +143,11 @@ class Auto(Estimator):
             sigma = np.full(valid.shape, measured.rate[1])
             rates = Rates(measured.rate[0], sigma, valid, measured.airspeed * along(measured.psi))
         for part, bank in zip(self._parts, self._banks, strict=True):
-            theirs = None if felt is None else felt.of(part)
+            part_change = None if felt is None else felt.of(part)
             rate_part = None if rates is None else rates.of(part)
-            bank.step(dt[part], path[:, part], measured.z[part], measured.sigma[part], valid[part], theirs, rate_part)
+            bank.step(
+                dt[part], path[:, part], measured.z[part], measured.sigma[part], valid[part], part_change, rate_part
+            )
         x, P, trusted, stage = (self._all(name) for name in ("mean", "covariance", "trusted", "stage"))
         p, d = position(x), drift(x)
         V: Array = np.where(stage == Stage.EMPTY, self._speed, x[KAPPA] * measured.airspeed)

@@ -35,7 +35,7 @@ class LocateTable(Table):
 
 
 class HandBackTable(Table):
-    """[handback]: telling an autopilot that has lost its position where it is."""
+    """[handback]: positions for an autopilot that has lost its own."""
 
     enabled: bool = False
     latitude_deg: Annotated[float, Field(ge=-90, le=90)] | None = None

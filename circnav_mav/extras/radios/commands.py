@@ -27,7 +27,7 @@ def watch() -> None:
 
     DRIVER is dwm1001, lines, linktrack or one of an installed package; PORT a device (/dev/ttyUSB0, or with its baud
     rate /dev/ttyUSB0:115200) or an endpoint (udpin:0.0.0.0:5005, tcp:HOST:PORT). A mission takes the same as its
-    ranging.endpoint. Exit codes: 0 ranges were heard, 2 no such driver or port, 3 none were heard.
+    ranging.endpoint. Exit codes: 0 ranges received, 2 no such driver or port, 3 none received.
 
     \b
     Examples:

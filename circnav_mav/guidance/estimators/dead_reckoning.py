@@ -38,14 +38,14 @@ class PathPoint(NamedTuple):
     report: OwnMotion | None = None
 
     def carried(self, motion: OwnMotion, airspeed: float, turned: float, step: float) -> "PathPoint":
-        """Return the knot of a motion `step` seconds later, after an arc that turns by `turned` (rad)."""
+        """Return the point of a motion `step` seconds later, after an arc that turns by `turned` (rad)."""
         heading = self.motion.heading
         x, y = chord_parts(airspeed, heading, turned, step)
         nose_x, nose_y = _along(heading + turned / 2, step)  # midpoint rule
         return PathPoint(motion, self.x + x, self.y + y, self.piece, self.nose_x + nose_x, self.nose_y + nose_y)
 
     def velocity_change_since(self, before: "PathPoint") -> ekf.VelocityChange | None:
-        """Return the accelerations measured since an earlier knot, or None if they do not cover this interval."""
+        """Return the accelerations measured since an earlier point, or None if they do not cover this interval."""
         new, old = self.report or self.motion, before.report or before.motion
         if new.felt is None or old.felt is None or new.felt.since != old.felt.since:
             return None
@@ -62,26 +62,26 @@ class FlownPath:
     """Integrates arcs between reports. Drops late and repeated reports. A gap starts a new piece of path."""
 
     def __init__(self) -> None:
-        self._knots: deque[PathPoint] = deque(maxlen=KEPT)
+        self._points: deque[PathPoint] = deque(maxlen=KEPT)
 
     def move(self, motion: OwnMotion) -> None:
         """Add a report of own motion."""
-        if not self._knots:
-            self._knots.append(PathPoint(motion))
+        if not self._points:
+            self._points.append(PathPoint(motion))
             return
-        last = self._knots[-1]
+        last = self._points[-1]
         step = motion.time - last.motion.time
         if step > HOLE:
-            self._knots.append(PathPoint(motion, last.x, last.y, last.piece + 1))
+            self._points.append(PathPoint(motion, last.x, last.y, last.piece + 1))
         elif step > 0:
             turned = float(wrap(motion.heading - last.motion.heading))
-            self._knots.append(last.carried(motion, (last.motion.airspeed + motion.airspeed) / 2, turned, step))
+            self._points.append(last.carried(motion, (last.motion.airspeed + motion.airspeed) / 2, turned, step))
 
     def at(self, time: float) -> PathPoint | None:
         """Return the point of the path at a time (s), interpolated or extrapolated, or None outside of the path."""
-        if not self._knots:
+        if not self._points:
             return None
-        newest = self._knots[-1]
+        newest = self._points[-1]
         last, ahead = newest.motion, time - newest.motion.time
         if ahead > EXTRAPOLATED:
             return None
@@ -90,7 +90,7 @@ class FlownPath:
             motion = OwnMotion(last.time + ahead, last.heading + turned, last.turn_rate, last.airspeed)
             carried = newest.carried(motion, last.airspeed, turned, ahead)
             return carried._replace(nose_x=newest.nose_x, nose_y=newest.nose_y, report=last)
-        for after, before in zip(reversed(self._knots), list(self._knots)[-2::-1], strict=False):
+        for after, before in zip(reversed(self._points), list(self._points)[-2::-1], strict=False):
             if before.motion.time <= time:
                 return _between(before, after, time) if before.piece == after.piece else None
         return None

@@ -47,8 +47,9 @@ MODELS = (
     (1e-7, 0.02, 0, 0, 1, 0),  # weak gusts, or a heading that is wrong by 1 deg for seconds
     (3e-4, 0.2, 0.03, 1, 1, 0),  # gusts and a veering wind, measured by the accelerometers
 )
-"""Noise models: drift_psd (m^2/s^3), gust (as a share of V), nose (as a share of V), feels, white, drifting, as in
-`Noise`. A drifting range error can be observed only while the drift is steady or changes slowly."""
+"""Noise models: drift_psd (m^2/s^3), gust (as a share of V), nose (as a share of V),
+acceleration_weight, white, drifting, as in `Noise`. A drifting range error can be observed only while the drift is
+steady or changes slowly."""
 LEAST_SIGMA, MOST_SIGMA = 1e-3, 1e3
 """Bounds of the standard deviation of a range, m. No range is more precise than the motion between samples, and less
 precise ones carry no information. Variances of more different magnitude cancel numerically in a covariance."""
@@ -62,7 +63,8 @@ class MultipleModelFilter:
     mean (12, B), covariance (12, 12, B): the estimate. Arrays (B,): stage; nis of the most likely hypothesis; missed:
     share of recent samples outside the gate; refused: True if the last sample was rejected; spread: standard deviation
     of the position as a share of the range (infinite before the target is located); trusted: True if the estimate may
-    steer. assumed (3, B): weighted average of the models' drift_psd, gust and feels (unweighted during a search).
+    steer. assumed (3, B): weighted average of the models' drift_psd, gust and acceleration_weight (unweighted during
+    a search).
     """
 
     def __init__(self, settings: EstimatorSettings, flights: int = 1, known: Prior | None = None) -> None:
