@@ -151,7 +151,7 @@ TABLE = (
     ),
     Condition(
         "second_controller", lambda p, now: p.second_controller.evidence(now),
-        short="another program also steers", over="no other program steers any more",
+        short="another program also steers", over="another program no longer steers",
         long="SECOND CONTROLLER: {found}: stop the other program",
     ),
     ENDED,

@@ -353,7 +353,7 @@ def test_a_radio_of_its_own_address_is_not_followed_to_another_in_flight(rig):
     rig.run(6.0, lambda: rig.range(voice=radio, source=at), ranges=False)
     rig.run(4.0, lambda: rig.range(voice=radio, source=("10.0.0.7", 8)))
     assert rig.pilot.tracker.newest.time < 6.1
-    assert rig.pilot.believed == "1/1 at vehicle, ranges of 1/192 at 10.0.0.7:7"
+    assert rig.pilot.trusted == "1/1 at vehicle, ranges of 1/192 at 10.0.0.7:7"
     received = rig.pilot.connection.counts[VEHICLE]
     before = received.bytes
     for _ in range(500):
@@ -403,7 +403,7 @@ def test_answers_to_commands_in_our_name_that_nothing_of_ours_asked_for_are_alar
     assert rig.pilot.second_controller.evidence(rig.now) == ""
     assert [text for text in rig.texts() if "another program" in text] == [
         "circnav: another program also steers",
-        "circnav: no other program steers any more",
+        "circnav: another program no longer steers",
     ]
 
 

@@ -204,7 +204,7 @@ RATE_SENT = (*RATE, "sim.ranging.rate_name=RR")
         (("sim.events=[{at_s=5.0, action='mute_ranging'}]",), "age", FAIL, "s old"),
         (LOW, "distance", WARN, "possible on the ground only"),
         (RATE_SENT, "range rate", PASS, " Hz, newest "),
-        ((*RATE_SENT, "sim.ranging.rate_noise_mps=0.8"), "range rate", WARN, "set it to 0.7"),
+        ((*RATE_SENT, "sim.ranging.rate_noise_mps=0.8"), "range rate", WARN, "set it to 0.9"),
         (RATE, "range rate", FAIL, "0 NAMED_VALUE_FLOAT RR"),
         ((*RATE_SENT, "sim.ranging.rate_noise_mps=0.0", "sim.ranging.rate_bias_mps=0.0"), "range rate", WARN,
          "frozen, or its"),

@@ -192,7 +192,7 @@ def test_a_name_that_nobody_sends_is_told_with_those_that_are_sent():
     values = [mavlink.MAVLink_named_value_float_message(0, name, 30.0) for name in (b"UWB1", b"UWB2")]
     rig.run(3.0, lambda: [rig.hear(value) for value in values], ranges=False)
     waits = rig.pilot.status.waits_for(rig.now)
-    assert "received: 1/1 name UWB1 (30.0 m), 1/1 name UWB2 (30.0 m), which the mission does not pick" in waits
+    assert "received: 1/1 name UWB1 (30.0 m), 1/1 name UWB2 (30.0 m), which the mission does not select" in waits
     assert "compare ranging.name" in waits
 
 

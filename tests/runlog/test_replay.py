@@ -165,7 +165,7 @@ HOUR, YEAR = 3600, 31_536_000
 
 
 @pytest.mark.parametrize(
-    ("stamp", "seconds", "steps", "lone", "says"),
+    ("stamp", "seconds", "steps", "single", "says"),
     [
         (lambda at, us: us, 21, [], 0, ""),
         (lambda at, us: us + (1800e6 if at >= 1000 else 0), 1821, [], 0, ""),
