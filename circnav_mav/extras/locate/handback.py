@@ -329,7 +329,7 @@ class HandBack:
         self.given.append(SentPosition(now, latitude, longitude, sigma, by))
         del self.given[:-MOST_GIVEN]
         self.sent += 1
-        self.ended, self._lacks = "active", ""
+        self.ended, self._lacks = "going on", ""
         return position_estimate(latitude, longitude, sigma, target, now, now - where.time)
 
     def answered(self, message: Message, us: tuple[int, int], now: float) -> None:

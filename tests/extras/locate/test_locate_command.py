@@ -267,7 +267,7 @@ def test_a_ranging_antenna_off_the_gps_antenna_reads_as_delay_and_bias_and_leave
         ("time,lat,lon\n1,2,3\n", "no column range"),
         ("time,lat,lon,range\n1,2,3,\n2,2,3,\n", "no ranges in it"),
         ("time,lat,lon,range\n1,,,5\n2,,,6\n", "no positions in it"),
-        ("time,lat,lon,range\n1,95,3,5\n", "line 2: 95 3 is no place"),
+        ("time,lat,lon,range\n1,95,3,5\n", "line 2: 95 3 is not a position"),
         (
             "time,lat,lon,range\nnoon,2,3,5\n",
             "line 2: time: 'noon' is not a time: write seconds, or a time such as 2026",

@@ -462,7 +462,7 @@ def test_parameters_give_the_place_the_known_height_and_what_32_bits_lose():
     [
         (("--timezone", "Mars"), "--timezone Mars: is not a time zone"),
         (("--units", "furlong"), "--units furlong: is not a unit: m, cm, .* or the length of the unit in meters"),
-        (("--units", "-1"), "--units -1: is no unit"),
+        (("--units", "-1"), "--units -1: is not a unit"),
         (("--vehicle", "2"), r"--vehicle selects one of the vehicles of a tlog; this is a table"),
         (("--positions", str(CASES / "01-two-vehicles.tlog")), "positions of 2 vehicles: give --vehicle"),
         (("--positions", "nowhere.gpx"), "nowhere.gpx: no such file"),

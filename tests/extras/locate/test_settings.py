@@ -24,7 +24,7 @@ def said(*overrides):
 def test_a_place_for_datagrams_has_a_host_and_a_port_that_exists(where):
     with pytest.raises(MissionError) as refused:
         mission(f"locate.cot={where!r}")
-    line = 'm.toml: locate.cot: must be host:port, port 1 .. 65535, such as "239.2.3.1:6969"'
+    line = 'm.toml: locate.cot: must be host:port, port 1 to 65535, such as "239.2.3.1:6969"'
     assert str(refused.value).startswith(line)
 
 
