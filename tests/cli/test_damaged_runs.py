@@ -156,7 +156,7 @@ def test_a_log_that_ends_between_two_frames_is_not_called_the_same_to_the_end(to
     log = run / "flight.tlog"
     log.write_bytes(log.read_bytes()[: records(log)[len(records(log)) // 2]])
     out = told("replay").done
-    assert re.search(r"WARNING    replayed up to \d\.\d s of \d+\.\d s, where flight\.tlog or turns\.csv ends", out)
+    assert re.search(r"WARNING    replayed up to \d\.\d s of \d+\.\d s, where flight\.tlog or steps\.csv ends", out)
     assert "byte for byte the same up to" in out
 
 
@@ -166,7 +166,7 @@ def test_zeros_in_a_log_are_told_with_their_place_and_what_is_behind_them_is_in_
     spoil(run / "flight.tlog", middle, bytes(64))
     out = told("replay").done
     assert f"WARNING    flight.tlog: damaged at byte {middle} of " in out
-    assert re.search(r"replayed up to \d\.\d s of \d+\.\d s, where flight\.tlog or turns\.csv is damaged", out)
+    assert re.search(r"replayed up to \d\.\d s of \d+\.\d s, where flight\.tlog or steps\.csv is damaged", out)
     assert "byte for byte the same up to" in out
     lost = rf"flight\.tlog: damaged at byte {middle} of \d+, \d+ bytes left out \(from \d\.\d s of"
     assert re.search(lost, told("report").done)

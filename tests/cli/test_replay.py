@@ -46,13 +46,13 @@ def test_another_law_is_not_taught_by_headings_that_answer_the_turns_that_were_f
     assert late(circling, "turn_gain") == pytest.approx(1, abs=0.02)
     assert late(tmp_path / "smooth", "turn_gain") == pytest.approx(1, abs=0.02)
     assert late(tmp_path / "smooth", "turn_rate") == pytest.approx(-0.15, abs=0.01)
-    assert "turn gain  held at" in out
+    assert "turn gain  fixed at" in out
 
 
 def test_a_gain_that_was_given_is_not_learnt_of_turns_that_were_commanded_with_it(circnav, tmp_path):
     recorded_flight(tmp_path, "quickstart", "limits.duration_s=10", "vehicle.turn_gain=0.8").fly(15).recorder.close()
     out = circnav("replay", tmp_path, "--set", 'vehicle.turn_gain="learn"').done
-    assert "turn gain  held at 0.8" in out
+    assert "turn gain  fixed at 0.8" in out
     assert "turn rate        the same" in out
 
 
@@ -89,7 +89,7 @@ def plain(run, data=b""):
         (plain, [], 2, "a plain tlog needs --mission"),
         (plain, ["--mission", "no.toml"], 2, "cannot be read"),
     ],
-    ids=["no log", "no turns", "no manifest", "empty", "law", "estimator", "gain", "method", "no tlog", "empty tlog",
+    ids=["no log", "no steps", "no manifest", "empty", "law", "estimator", "gain", "method", "no tlog", "empty tlog",
          "no mission", "no such mission"],
 )  # fmt: skip
 def test_what_cannot_be_replayed_is_one_line(circnav, run, make, options, code, says):
