@@ -226,11 +226,11 @@ def test_what_was_to_be_said_before_the_process_stood_still_is_not_said_after_it
     assert [step.time > 3 for step in recorder.steps] == [False, moment == "reading", True]
 
 
-def test_the_time_of_signatures_goes_on_in_every_turn(fly, stop):
+def test_the_time_of_signatures_goes_on_in_every_step(fly, stop):
     flying, listening = Mock(), Mock()
     fly(FakePilot(3), signing_time=flying)
     listen(FakePilot(3), {"vehicle": FakeLink()}, FakeClock(), stop, listening)
-    assert (flying.turn.call_count, listening.turn.call_count) == (3, 3)
+    assert (flying.advance.call_count, listening.advance.call_count) == (3, 3)
 
 
 def test_a_setpoint_leaves_before_anything_is_recorded_or_shown(fly, monkeypatch):
