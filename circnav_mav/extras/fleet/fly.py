@@ -38,17 +38,19 @@ def fly_fleet(
     """Fly, print the table of the fleet, and return the exit code. Raises Refused."""
     for name, value in (("--endpoint", endpoint), ("--speed", speed)):
         if value is not None:
-            raise Refused(f"{name}: --fleet flies the bundled vehicle as fast as possible, leave it out")
+            raise Refused(
+                f"{name}: cannot be used with --fleet, which flies the bundled vehicle as fast as possible: omit it"
+            )
     if options.get("web") is not None:
-        raise Refused("--web: shows one vehicle, leave it out with --fleet")
+        raise Refused("--web: shows one vehicle only, omit it with --fleet")
     if dry_run or shadow:
-        raise Refused("--dry-run, --shadow: --fleet flies the bundled vehicles, leave it out")
+        raise Refused("--dry-run, --shadow: cannot be used with --fleet, which flies the bundled vehicles: omit it")
     outlive_terminal()
     stop = StopRequest()
     given = (*overrides, *([f"limits.duration_s={duration}"] if duration is not None else []))
     missions = [read_mission(path, tuple(member_overrides(path, i + 1, given, fleet))) for i in range(fleet)]
     if not missions[0].flies_sim:
-        raise Refused(f"{path}: --fleet flies the bundled vehicle, link.endpoint is not sim")
+        raise Refused(f"{path}: --fleet flies the bundled vehicle: set link.endpoint to sim")
     refuse_failing(path, missions[0], shown=[Grade.WARN])
     folder = _fleet_folder(out, Path(path).stem)
     seed = (missions[0].file.sim or {}).get("seed", 0)
@@ -164,9 +166,11 @@ def _show(flight: FleetFlight, found: FleetFigures, folder: Path) -> None:
     say(f"  on circle   all after {shown(found.all_on_circle_s, 's', 'never')}")
     say(f"  even        within 5 deg {shown(found.even_after_s, 's later', 'never')}")
     say(f"  worst gap   {shown(found.worst_gap_deg, 'deg rms')}")
-    say(f"  radius      {shown(found.radius_rms_m, 'm rms')}, {shown(found.radius_spread_m, 'm')} about its own mean")
-    nearest = f"{shown(found.smallest_horizontal_m, 'm')} beside, {shown(found.smallest_vertical_m, 'm')} above"
-    say(f"  separation  {nearest}; too near (10 m above, 25 m beside): {found.too_near} pairs")
+    say(f"  radius      {shown(found.radius_rms_m, 'm rms')}, {shown(found.radius_spread_m, 'm')} around its own mean")
+    sides = (
+        f"{shown(found.smallest_horizontal_m, 'm')} horizontally, {shown(found.smallest_vertical_m, 'm')} vertically"
+    )
+    say(f"  separation  {sides}; too near (10 m vertically, 25 m horizontally): {found.too_near} pairs")
     say("  member  end                          alarms  reports accepted, rejected")
     for member in flight.members:
         outcome, link = member.pilot.mission.outcome, member.carrier.summary()

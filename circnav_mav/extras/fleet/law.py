@@ -102,7 +102,7 @@ class SpacingSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class Own:
+class OwnState:
     """Own state at one time. phase, phase_sigma: temporal phase, rad; None if unknown. range: m."""
 
     phase: float | None
@@ -162,7 +162,7 @@ class Spacing:
             for member, report in sure.items()
         }
 
-    def step(self, now: float, own: Own) -> Adjustment:
+    def step(self, now: float, own: OwnState) -> Adjustment:
         """Return the adjustment to fly now."""
         dt = 0.0 if self._before is None else min(max(now - self._before, 0.0), 1.0)
         self._before = now
@@ -183,7 +183,7 @@ class Spacing:
         self._integrate(dt, alone=not others)
         return self._adjustment(state, counted)
 
-    def _state(self, now: float, own: Own, others: Mapping[int, float]) -> State:
+    def _state(self, now: float, own: OwnState, others: Mapping[int, float]) -> State:
         """Return the own state. Enter the circle if there is room."""
         settings = self.settings
         if own.leaving:

@@ -47,7 +47,7 @@ def judge_fleet(
     for line in problems:
         yield Check(FAIL if fatal else WARN, "fleet link", line.removeprefix("fleet link: "))
     if rejected.get(Rejection.SAME_ID) and not problems:
-        yield Check(FAIL, "fleet link", f"the id {table.id} is taken: give each member an id of its own")
+        yield Check(FAIL, "fleet link", f"the id {table.id} is in use: give each member another id")
     heights = {member: report.height for member, report in newest.items()}
     own = mission.file.orbit.height_above_target_m
     heights[table.id or 0] = inf if own is None else own

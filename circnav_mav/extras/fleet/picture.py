@@ -78,7 +78,7 @@ def _phases(axes: Axes, tracks: Tracks) -> None:
     for member in range(phases.shape[1]):
         relative = np.degrees(unwrapped[:, member] - mean)
         axes.plot(time, relative, color=_color(member), label=str(member + 1), lw=1.3)
-    axes.set(xlabel="time, s", ylabel="temporal phase less the mean, deg", title="Phases of the members")
+    axes.set(xlabel="time, s", ylabel="temporal phase minus the mean, deg", title="Phases of the members")
     axes.grid(alpha=0.3)
 
 
