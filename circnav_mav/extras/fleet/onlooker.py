@@ -204,9 +204,9 @@ class FleetOnlooker(Onlooker):
     def _find_phase(self, now: float, dt: float) -> None:
         pilot, estimate = self._pilot, self._pilot.estimate
         relative = estimate.relative if estimate is not None else None
-        leaving = self._leaves(now)
+        leaving, shares = self._leaves(now), self._shares_layer(now)
         if relative is None or not relative.trusted or not pilot.mission.steering or estimate is None:
-            self._own = Own(None, pi, nan if estimate is None else estimate.r, leaving)
+            self._own = Own(None, pi, nan if estimate is None else estimate.r, leaving, shares)
             return
         self._follow(relative, now, dt)
         assert self._map is not None
@@ -214,7 +214,7 @@ class FleetOnlooker(Onlooker):
         # The estimate is valid at the pilot's last step. Extrapolate the phase to now.
         phase += LAP * (now - estimate.time) / self._lap_period()
         sigma = relative.sigma / max(estimate.r, 1.0) * rate
-        self._own = Own(phase % LAP, sigma, estimate.r, leaving)
+        self._own = Own(phase % LAP, sigma, estimate.r, leaving, shares)
 
     def _follow(self, relative: RelativeMotion, now: float, dt: float) -> None:
         """Smooth the drift and the airspeed, and update the phase map every second."""
@@ -257,6 +257,18 @@ class FleetOnlooker(Onlooker):
         if mission.phase in (Phase.YIELDED, Phase.LEAVING, Phase.ENDED):
             return True
         return mission.engaged_at is not None and now - mission.engaged_at > self._duration - LEAVE_AHEAD
+
+    def _shares_layer(self, now: float) -> bool:
+        """True if another member is in the own height layer and has priority: it is on the circle or has the lower
+        id."""
+        height = self._pilot.tracker.height.at(now)
+        if height is None or not self._flies:
+            return False
+        return any(
+            abs(report.height - height) < LAYER_SHARE * self._table.layer_m
+            for member, report in self.spacing.present(self._epoch + now).items()
+            if report.state is State.ON_CIRCLE or member < self.spacing.settings.member
+        )
 
     def _note(self, now: float) -> None:
         own, adjusted = self._own, self.adjusted
