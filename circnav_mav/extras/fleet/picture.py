@@ -10,13 +10,12 @@ from circnav_mav.extras.fleet.flight import SAMPLE_EVERY, Tracks
 from circnav_mav.extras.fleet.metrics import gap_errors, true_phases
 from circnav_mav.extras.fleet.phase import LAP
 from circnav_mav.extras.fleet.report import State
+from circnav_mav.extras.fleet.section import COLORS
 
 FRAMES = 6
 """Number of snapshots; chosen."""
 TRAIL = 15.0
 """Length of the trails, s."""
-COLORS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377")
-"""Paul Tol's bright scheme: distinct for color-blind readers."""
 
 
 def draw_fleet(tracks: Tracks, path: Path) -> None:

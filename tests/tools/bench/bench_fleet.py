@@ -18,8 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from circnav_mav.extras.fleet.flight import SAMPLE_EVERY, bare_fleet
-from circnav_mav.extras.fleet.metrics import even_from, figures, gap_errors
+from circnav_mav.extras.fleet.evenness import even_from
+from circnav_mav.extras.fleet.flight import bare_fleet
+from circnav_mav.extras.fleet.metrics import figures, gap_errors
 from circnav_mav.extras.fleet.report import State
 
 CONFIG = Path(__file__).parents[3] / "config"
@@ -87,8 +88,9 @@ def fly(row: Row, seed: int) -> dict[str, Any]:
     if row.event == "leave":
         states = [row_[LEAVER - 1] for row_ in flight.tracks.state]
         first = next((k for k, s in enumerate(states) if s is State.LEAVING), None)
-        even = None if first is None else even_from(gap_errors(flight.tracks), first + 1)
-        found["even_again_s"] = None if even is None or first is None else round((even - first) * SAMPLE_EVERY, 1)
+        time = flight.tracks.time
+        even = None if first is None else even_from(time, gap_errors(flight.tracks), time[first + 1])
+        found["even_again_s"] = None if even is None or first is None else round(even - time[first], 1)
     return found
 
 
