@@ -151,7 +151,7 @@ def test_one_live_page_shows_all_members_their_places_and_their_gaps(browser, tm
     with process_of("fly", "copter", *options) as flown:
         said = next(line for line in flown.stdout if line.startswith("live page at "))
         browser.open(said.split()[-1])
-        browser.until("/vehicle 2.*on circle, [23]\\\\d m high, \\d+ deg ahead/.test(document.body.innerText)")
+        browser.until("/vehicle 2.*on circle, [23]\\d m high, \\d+ deg ahead/.test(document.body.innerText)")
         browser.until("[...document.querySelectorAll('#track circle.now')].length === 1")
         browser.until("/1 of 2|2 of 2 members on the circle/.test(document.body.innerText)")
         browser.until("!document.getElementById('outcome').hidden")
