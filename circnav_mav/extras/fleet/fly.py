@@ -186,9 +186,8 @@ def _show(flight: FleetFlight, found: FleetFigures, folder: Path) -> None:
         radius = f"{found.radius_rms_m:.1f} m rms, {found.radius_spread_m:.1f} m around the mean of each member"
     say(f"  radius      {radius}")
     flat, up = shown(found.smallest_horizontal_m, "m"), shown(found.smallest_vertical_m, "m")
-    say(
-        f"  separation  {flat} horizontally, {up} vertically; too near (10 m vertically, 25 m horizontally): {found.too_near} pairs"
-    )
+    say(f"  separation  {flat} horizontally, {up} vertically")
+    say(f"  too near    {found.too_near} pairs (within 10 m vertically and 25 m horizontally)")
     say("  member  end                          alarms  reports accepted, rejected")
     for member in flight.members:
         outcome, link = member.pilot.mission.outcome, member.carrier.summary()
