@@ -7,7 +7,7 @@ from statistics import median
 from circnav_mav.guidance.white_noise import bulk_sigma, residual
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check
 from circnav_mav.mav.clocks import quick_span, span_speed
-from circnav_mav.mav.ranging.interface import OTHERS, describe_rejected
+from circnav_mav.mav.ranging.interface import OTHERS, RATE_SIGMA, describe_rejected
 from circnav_mav.mission.checks_ranging import height_cost
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import RANGING, VEHICLE
@@ -77,7 +77,7 @@ def _rejected(mission: Mission, survey: Survey) -> Check:
 def _rates(mission: Mission, survey: Survey) -> Iterator[Check]:
     """Check reception, noise and consistency with the ranges of the measured range rate."""
     table, values = mission.file.ranging, survey.rates
-    name, wanted, assumed = table.rate_name, table.rate_hz, table.rate_sigma_mps
+    name, wanted = table.rate_name, table.rate_hz
     if trouble := survey.rate_reader.trouble:
         yield Check(FAIL, "range rate", f"{name}: {trouble}")
         return
@@ -91,9 +91,9 @@ def _rates(mission: Mission, survey: Survey) -> Iterator[Check]:
     rate = len(values) / survey.seconds
     timed = list(enumerate(values))
     noise = bulk_sigma([residual(*three) for three in zip(timed, timed[1:], timed[2:], strict=False)])
-    enough, quiet = rate >= FULL_RATE * wanted, noise <= NOISE_NEAR * assumed * (1 + 1 / sqrt(len(values)))
-    spread = f"{noise:.2f} m/s standard deviation, {assumed:.2f} m/s assumed"
-    advice = "" if quiet else ": set ranging.rate_sigma_mps to it"
+    enough, quiet = rate >= FULL_RATE * wanted, noise <= NOISE_NEAR * RATE_SIGMA * (1 + 1 / sqrt(len(values)))
+    spread = f"{noise:.2f} m/s standard deviation, {RATE_SIGMA} m/s assumed"
+    advice = "" if quiet else ": the measured value is used in flight"
     words = f"{name} {rate:.1f} Hz, newest {values[-1]:+.2f} m/s; {spread}{advice}"
     yield Check(PASS if enough and quiet else WARN, "range rate", words)
 
