@@ -83,7 +83,7 @@ def circnav() -> None:
         2    bad usage or mission file
         3    no vehicle or no ranging received
         4    ended by a safety rule or by the operator (preflight: a FAIL)
-        5    flown to its end, but the recording is incomplete (disk full or too slow, log.max_mb)
+        5    flown to its end, but the recording is incomplete (disk full or too slow, 2000 MB reached)
         130  interrupted (after a safe setpoint)
     """
 
@@ -107,7 +107,7 @@ def _options_of_extensions(name: str) -> Callable[[Callable[..., None]], Callabl
 @MISSION
 @ENDPOINT
 @SET
-@click.option("--speed", type=float, metavar="N", help=SPEED_HELP)
+@click.option("--speed", type=click.FloatRange(0.01, 100), metavar="N", help=SPEED_HELP)
 @click.option("--duration", type=float, metavar="S", help="Seconds to fly after engaging.")
 @click.option("--out", type=Folder(), metavar="DIR", help="Run folder. [default: runs/<time>-<name>]")
 @click.option("--dry-run", is_flag=True, help="Compute and log everything, but send no setpoint and request no mode.")

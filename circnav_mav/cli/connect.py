@@ -72,12 +72,14 @@ def open_onlookers(
     return onlookers
 
 
-def start_clock(mission: Mission, session: Session, links: dict[str, Link], pace: float | None = None) -> Clock:
-    """Start the clock of a mission: simulated time with the bundled vehicle, whose links are added to `links`. pace:
-    speed that an onlooker requests, times real time."""
+def start_clock(
+    mission: Mission, session: Session, links: dict[str, Link], speed: float | None = None, pace: float | None = None
+) -> Clock:
+    """Start the clock of a mission: simulated time with the bundled vehicle, whose links are added to `links`. speed,
+    pace: requested by the user and by an onlooker, times real time."""
     if mission.flies_sim and mission.file.sim is not None:
         vehicle = Vehicle(parse_vehicle(mission.file.sim, "sim"))
-        clock = Lockstep(vehicle, mission.run_speed(pace), others=bool(links))
+        clock = Lockstep(vehicle, mission.run_speed(speed, pace), others=bool(links))
         # Set once only: fast simulated time would move signature timestamps, and the stored one of our key, far ahead.
         vehicle.set_time(clock.epoch_us / 1e6)
         links.update(clock.links(ranging_apart=mission.file.ranging.endpoint == SIM))

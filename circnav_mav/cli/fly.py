@@ -61,7 +61,7 @@ def fly_mission(
     stop = StopRequest()  # from now on a signal ends the flight, not the process
     output_mode = OutputMode.SHADOW if shadow else OutputMode.DRY_RUN if dry_run else OutputMode.FLY
     quoted = None if endpoint is None else f'"{endpoint}"'
-    values = {"link.endpoint": quoted, "link.sim_speed": speed, "limits.duration_s": duration}
+    values = {"link.endpoint": quoted, "limits.duration_s": duration}
     given = (f"{key}={value}" for key, value in values.items() if value is not None)
     mission = read_mission(path, (*overrides, *given))
     if speed is not None and not mission.flies_sim:
@@ -74,10 +74,10 @@ def fly_mission(
             links = open_links(mission, open_things)
             stop.claim()
             pilot = Pilot(mission.pilot_settings(output_mode), signing)
-            onlookers = open_onlookers(mission, pilot, signing, options, watched_open)
+            onlookers = open_onlookers(mission, pilot, signing, options | {"speed": speed}, watched_open)
             recorder = open_things.enter_context(closing(_recorder(out, mission)))
             folder = recorder.folder
-            clock = start_clock(mission, pilot.session, links, onlookers.pace)
+            clock = start_clock(mission, pilot.session, links, speed, onlookers.pace)
             recorder.start(clock.epoch_us, at_once=isinstance(clock, Lockstep))
             onlookers.start(clock.epoch_us)
             try:
@@ -133,7 +133,7 @@ def _recorder(out: str | None, mission: Mission) -> Recorder:
     """Open a recorder in a new folder, even if two flights start at once. Raises Refused."""
     while True:
         try:
-            return Recorder(_run_folder(out, mission), mission.text, mission.file.log.max_mb)
+            return Recorder(_run_folder(out, mission), mission.text)
         except TakenError as error:
             if out is not None:
                 raise Refused(f"--out {error}") from None

@@ -6,12 +6,11 @@ trim, pending turn and turn gain. `LearnedResponse` learns the response of the v
 
 from collections.abc import Callable
 
-from circnav_mav.guidance.step import ActiveLaw, LawChoice, Steering, compensate_turn_gain, holding
+from circnav_mav.guidance.step import LawChoice, Steering, compensate_turn_gain, holding
 from circnav_mav.guidance.turn_answer import LearnedResponse
 from circnav_mav.guidance.types import Orbit, OwnMotion, RangeEstimate, TurnCommand
 from circnav_mav.guidance.watches import next_trim
 
-DRIFT = ActiveLaw.DRIFT.name.lower()
 LONGEST_TRIM_STEP = 0.2
 """Longest time step of the radius integral, s: an error is not integrated over a gap."""
 
@@ -27,7 +26,8 @@ class ClosedLoop:
         radius_trim: float = 0.0,
     ) -> None:
         """law: a choice from `LAWS`, or a function with the arguments of `Steering`. radius_trim: rate of the slow
-        integral on the mean radius, 1/s. Raises ValueError if this gain has no radius correction."""
+        integral on the mean radius, 1/s, for laws on range alone. Raises ValueError if this gain has no radius
+        correction."""
         self.orbit, self.answer = orbit, answer
         self._steer = Steering(orbit, law) if isinstance(law, LawChoice) else law
         self._rate, self._trim = radius_trim, 0.0
@@ -72,17 +72,17 @@ class ClosedLoop:
     def _trim_radius(self, estimate: RangeEstimate, command: TurnCommand) -> None:
         """Update the radius trim over the time since the last steered step, while the vehicle follows."""
         before, self._steered = self._steered, (estimate.time, estimate.r)
-        # Without the target position, the approach is slow. Its error would be integrated, and the vehicle would fly on
-        # the other side of the circle for half a minute afterwards.
-        approaches = command.flies not in ("", DRIFT)
-        if before is not None and self._rate > 0 and self.answer.command_gain.followed and not approaches:
+        # A law on range alone turns with V: a vehicle 6 % faster than V flies outside the circle. Laws on relative
+        # motion estimate the speed, and a trim did not reduce their error in any emulated flight.
+        on_range = not command.flies
+        if on_range and before is not None and self._rate > 0 and self.answer.command_gain.followed:
             step = estimate.time - before[0]
             self._trim = next_trim(
                 self._trim,
                 rate=self._rate,
                 r=estimate.r,
                 change=estimate.r - before[1] if step <= LONGEST_TRIM_STEP else 0.0,
-                r_d=self.orbit.radius + command.offset,
+                r_d=self.orbit.radius,
                 V=self.orbit.speed,
                 step=min(step, LONGEST_TRIM_STEP),
                 saturated=command.saturated or self.answer.bank_limit.short,

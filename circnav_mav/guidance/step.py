@@ -21,7 +21,6 @@ from circnav_mav.guidance.maths import (
     Flag,
     Number,
     Pair,
-    arctan2,
     clip,
     exp,
     logical_not,
@@ -176,14 +175,13 @@ def next_handover(
 
 class StepState(NamedTuple):
     """State between steps. time: of the last command, s. memory: the integral of `pi`, m. drift_x, drift_y: the
-    smoothed drift, m/s. offset: distance of the planned path outside the circle, m."""
+    smoothed drift, m/s."""
 
     time: Number = -inf
     memory: Number = 0.0
     handover: Handover = AT_START
     drift_x: Number = 0.0
     drift_y: Number = 0.0
-    offset: Number = 0.0
 
 
 def step(before: StepState, settings: StepSettings, inputs: Inputs) -> tuple[StepState, TurnCommand]:
@@ -203,9 +201,9 @@ def _with_relative_motion(
     before: StepState, settings: StepSettings, inputs: Inputs, dt: Number
 ) -> tuple[StepState, TurnCommand]:
     """Run a step of `auto` or `drift`, mirrored to a counter-clockwise orbit. The result has the true sense."""
-    s, relative, radius = settings.sense, inputs.relative, settings.fed + inputs.trim
-    by_range = s * settings.law.function(inputs.r, inputs.r_dot, V=settings.V, r_d=radius, k=settings.k)
-    by_drift, trusted, drift_x, drift_y, offset = by_range, False, before.drift_x, before.drift_y, 0.0
+    s, relative = settings.sense, inputs.relative
+    by_range = s * settings.law.function(inputs.r, inputs.r_dot, V=settings.V, r_d=settings.fed, k=settings.k)
+    by_drift, trusted, drift_x, drift_y = by_range, False, before.drift_x, before.drift_y
     if relative is not None:
         # The difference between the drift and its low-pass gives its rate of change. The low-pass starts with the
         # drift law.
@@ -213,7 +211,7 @@ def _with_relative_motion(
         drift_x = where(follows, drift_x + share * (relative.drift_x - drift_x), relative.drift_x)
         drift_y = where(follows, drift_y + share * (relative.drift_y - drift_y), relative.drift_y)
         change = (relative.drift_x - drift_x) / CHANGE_TIME, (relative.drift_y - drift_y) / CHANGE_TIME
-        (by_drift, offset), trusted = _by_drift(settings, relative, change, inputs), relative.trusted
+        by_drift, trusted = _by_drift(settings, relative, change, inputs), relative.trusted
     # Without relative motion there is no search: a vehicle that does not follow its commands for a minute has no known
     # path. Its search begins when it follows again.
     last = before.handover if relative is not None else before.handover._replace(searched=0.0)
@@ -223,7 +221,7 @@ def _with_relative_motion(
     )  # fmt: skip
     demanded = where(handover.flies == ActiveLaw.FEEDFORWARD, by_range, by_drift)
     cut: Any = magnitude(handover.command) >= AT_LIMIT * settings.limit
-    after = StepState(inputs.time, before.memory, handover, drift_x, drift_y, where(trusted, offset, 0.0))
+    after = StepState(inputs.time, before.memory, handover, drift_x, drift_y)
     return after, TurnCommand(s * handover.command, s * demanded, cut)
 
 
@@ -247,21 +245,17 @@ def _leaves(settings: StepSettings, inputs: Inputs) -> Array:
     return where(outside, fast, 0.0)
 
 
-def _by_drift(settings: StepSettings, relative: RelativeMotion, change: Pair, inputs: Inputs) -> tuple[Array, Array]:
-    """Return turn rate (rad/s) and offset (m, as in `StepState`) of the drift law, for the counter-clockwise orbit.
-
-    change: of the drift, m/s^2.
-    """
+def _by_drift(settings: StepSettings, relative: RelativeMotion, change: Pair, inputs: Inputs) -> Array:
+    """Return the turn rate (rad/s) of the drift law, for the counter-clockwise orbit. change: of the drift, m/s^2."""
     p, d = (relative.x, relative.y), (relative.drift_x, relative.drift_y)
     here = mirrored(p, d, relative.heading, inputs.pending, settings.sense)
-    V, r_d = maximum(relative.airspeed, 0.1 * settings.V), settings.r_d + inputs.trim
+    V, r_d = maximum(relative.airspeed, 0.1 * settings.V), settings.r_d
     gains = drift_gains(
         V, inputs.pending.ahead + inputs.pending.measurement_delay, inputs.pending.settles, inputs.share
     )
     change = mirrored_pair(change, settings.sense)
     lap = lap_plan.plan(here[1], V=V, r_d=r_d, limit=minimum(settings.limit, inputs.pending.most))
-    turn = drift(*here, V=V, r_d=r_d, max_turn_rate=settings.limit, gains=gains, change=change, lap=lap)
-    return turn, 0.0 if lap is None else lap.at(arctan2(here[0][1], here[0][0]))[0] - r_d
+    return drift(*here, V=V, r_d=r_d, max_turn_rate=settings.limit, gains=gains, change=change, lap=lap)
 
 
 def hold(settings: StepSettings, relative: RelativeMotion | None, pending: Pending) -> TurnCommand:
@@ -305,8 +299,9 @@ class Steering:
     def __call__(
         self, estimate: RangeEstimate, trim: float = 0.0, pending: Pending | None = None, share: float = 1.0
     ) -> TurnCommand:
-        """Return the command. trim: m, added to the radius that the law is fed. pending: commanded turn not flown yet;
-        None: none, for a vehicle with the lag of the choice. share: factor on the gains."""
+        """Return the command. trim: m, added to the radius that a law on range alone is fed. pending:
+        commanded turn not flown yet; None: none, for a vehicle with the lag of the choice. share: factor on the
+        gains."""
         inputs = Inputs(
             estimate.time, estimate.r, estimate.r_dot, pending or self._at_rest, estimate.relative, trim, share
         )
@@ -314,7 +309,7 @@ class Steering:
         if not self._settings.law.flies_relative_motion:
             return command
         flies = self._state.handover.flies
-        return command._replace(flies=flies.name.lower(), why=WHY[flies], offset=float(self._state.offset))
+        return command._replace(flies=flies.name.lower(), why=WHY[flies])
 
 
 def holding(orbit: Orbit, motion: RelativeMotion | None, pending: Pending) -> TurnCommand:

@@ -177,8 +177,7 @@ class TurnCommand(NamedTuple):
 
     turn_rate: to command, rad/s. demanded: turn rate that the law demands, rad/s; without a limit they differ by the
     vehicle's turn-rate gain. saturated: True if it was limited. flies, why: active law and human-readable reason; empty
-    if there is only one law. offset: distance of the planned path outside the circle here, m; not 0 if the vehicle
-    cannot turn as fast as the circle requires.
+    if there is only one law.
     """
 
     turn_rate: TurnRate
@@ -186,4 +185,3 @@ class TurnCommand(NamedTuple):
     saturated: bool
     flies: str = ""
     why: str = ""
-    offset: float = 0.0

@@ -41,10 +41,11 @@ def residual(before: Moment, middle: Moment, after: Moment) -> Array:
 
 
 def quantile(values: Batch, share: float) -> Batch:
-    """Return a quantile of each column of (n, B) without its NaN; NaN for an empty one. `np.nanquantile` takes ten
-    times as long for a few values."""
-    rank = (share * np.isfinite(values).sum(axis=0)).astype(int)
-    return np.asarray(np.sort(values, axis=0)[rank, np.arange(values.shape[1])])
+    """Return a quantile of each column of (n, B) without its NaN; NaN for an empty one. Between two values it is their
+    mean. `np.nanquantile` takes ten times as long for a few values."""
+    rank = share * np.isfinite(values).sum(axis=0)
+    ordered, column = np.sort(values, axis=0), np.arange(values.shape[1])
+    return np.asarray((ordered[np.ceil(rank).astype(int) - 1, column] + ordered[rank.astype(int), column]) / 2)
 
 
 def bulk_sigma(residuals: Sequence[float]) -> float:

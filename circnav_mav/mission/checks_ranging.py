@@ -28,7 +28,7 @@ def check_ranging(mission: Mission) -> list[Check]:
 
 def _reach(mission: Mission) -> Iterator[Check]:
     slant, farthest = _slant_range(mission, mission.orbit.radius), mission.max_range
-    words = f"range on the circle {slant:.1f} m, {_what_ends_ranges(mission)} {_length(farthest)}"
+    words = f"range on the circle {slant:.1f} m, {mission.file.ranging.message} reports up to {_length(farthest)}"
     share = f"{100 * slant / farthest:.0f} %, at most {100 * REACH:.0f} %"
     yield Check(graded(slant / farthest, warn_above=REACH / 2, fail_above=REACH), "reach", f"{words} ({share})")
 
@@ -36,11 +36,6 @@ def _reach(mission: Mission) -> Iterator[Check]:
 def _slant_range(mission: Mission, horizontal: float) -> float:
     """Return the slant range that the radio measures at a horizontal range, m."""
     return hypot(horizontal, mission.file.orbit.height_above_target_m or 0.0)
-
-
-def _what_ends_ranges(mission: Mission) -> str:
-    table = mission.file.ranging
-    return "ranging.max_range_m =" if mission.max_range == table.max_range_m else f"{table.message} reports up to"
 
 
 def _length(metres: float) -> str:
@@ -58,7 +53,7 @@ def _bounds(mission: Mission) -> Iterator[Check]:
     words = f"the circle of {radius:g} m must be {' and '.join(given)} (horizontal ranges), by {100 * ROOM:.0f} %"
     yield Check(graded(used, warn_above=1 / (1 + ROOM), fail_above=1.0), "bounds", words)
     if farthest is not None and _slant_range(mission, farthest) > mission.max_range:
-        end = f"{_what_ends_ranges(mission)} {_length(mission.max_range)}"
+        end = f"{mission.file.ranging.message} reports up to {_length(mission.max_range)}"
         yield Check(WARN, "bounds", f"bounds.max_range_m = {farthest:g} m has no effect: {end}")
 
 

@@ -16,7 +16,7 @@ from circnav_mav.mav.autopilots.table import allowed, table_key
 from circnav_mav.mav.frames import GRAVITY
 from circnav_mav.mav.identity import LinkSettings
 from circnav_mav.mav.ranging.driver import split_driver
-from circnav_mav.mav.ranging.interface import RangingSettings
+from circnav_mav.mav.ranging.interface import RATE_SIGMA, RangingSettings
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mission.schema import MOST_STALE, MissionFile
 from circnav_mav.pilot import LINKS, RANGING, VEHICLE, OutputMode, PilotSettings, Timing
@@ -84,7 +84,7 @@ class Mission:
             1 / ranging.rate_hz,
             guidance.gain,
             guidance.correct_radius,
-            ranging.rate_sigma_mps if self.estimator == "measured" else None,
+            RATE_SIGMA if self.estimator == "measured" else None,
         )
 
     @property
@@ -127,15 +127,14 @@ class Mission:
 
     @property
     def max_range(self) -> float:
-        """Largest accepted range, m: the file's limit, at most what the message can carry."""
-        carried = RANGING_MESSAGES[self.file.ranging.message].farthest
-        return min(self.file.ranging.max_range_m or carried, carried)
+        """Largest range that the message can carry, m."""
+        return RANGING_MESSAGES[self.file.ranging.message].farthest
 
     @property
     def farthest(self) -> float | None:
         """Horizontal range at which the flight ends, m, or None. It is the file's bound, or slightly less than the
         largest range of a message with a short limit."""
-        end = RANGING_MESSAGES[self.file.ranging.message].farthest
+        end = self.max_range
         return self.file.bounds.max_range_m or (END_SHARE * end if end < CARRIES_FAR else None)
 
     @property
@@ -161,13 +160,13 @@ class Mission:
         """True if the bundled vehicle is flown."""
         return self.file.link.endpoint == SIM
 
-    def run_speed(self, pace: float | None = None) -> float:
-        """Return the speed of the run relative to real time, infinite for the fastest possible. pace: speed requested
-        by an onlooker. A separate ranging radio requires real time."""
+    def run_speed(self, speed: float | None = None, pace: float | None = None) -> float:
+        """Return the speed of the run relative to real time, infinite for the fastest possible. speed: requested by the
+        user. pace: requested by an onlooker. A separate ranging radio requires real time."""
         if not self.flies_sim:
             return 1.0
-        if self.file.link.sim_speed is not None:
-            return self.file.link.sim_speed
+        if speed is not None:
+            return speed
         if self.file.ranging.endpoint not in (None, SIM):
             return 1.0
         return inf if pace is None else pace
@@ -255,7 +254,7 @@ class Mission:
 
     def _ranging(self) -> RangingSettings:
         calibration = {"scale", "bias_m", "delay_s", "points_m"}
-        given = self.file.ranging.model_dump(exclude={"endpoint", *calibration}) | {"max_range_m": self.max_range}
+        given = self.file.ranging.model_dump(exclude={"endpoint", *calibration})
         most = max(MOST_NOISE * min(self.radii), 3 * self.file.ranging.sigma_m)
         return RangingSettings(**given, max_age=self.stale, max_sigma=most, calibration=self.file.ranging.calibration)
 
@@ -264,6 +263,5 @@ class Mission:
         return VehicleFacts(
             speed=vehicle.speed_mps,
             max_bank=radians(vehicle.max_bank_deg or 0.0),
-            stick_bank=radians(vehicle.full_stick_bank_deg),
             trim_thrust=vehicle.loops.trim_thrust,
         )

@@ -48,7 +48,6 @@ def parameter_context(mission: Mission, system: int, values: Mapping[str, float]
         speed=mission.orbit.speed,
         max_turn_rate_deg=degrees(mission.orbit.max_turn_rate),
         max_bank_deg=mission.file.vehicle.max_bank_deg or 0.0,
-        stick_bank_deg=mission.file.vehicle.full_stick_bank_deg,
         tick=1 / mission.file.limits.tick_hz,
         system=system,
         values=values,

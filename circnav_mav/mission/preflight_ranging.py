@@ -7,7 +7,7 @@ from statistics import median
 from circnav_mav.guidance.white_noise import bulk_sigma, residual
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check
 from circnav_mav.mav.clocks import quick_span, span_speed
-from circnav_mav.mav.ranging.interface import OTHERS, describe_rejected
+from circnav_mav.mav.ranging.interface import OTHERS, RATE_SIGMA, describe_rejected
 from circnav_mav.mission.checks_ranging import height_cost
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import RANGING, VEHICLE
@@ -79,7 +79,7 @@ def _rejected(mission: Mission, listener: PreflightListener) -> Check:
 def _rates(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
     """Check reception, noise and consistency with the ranges of the measured range rate."""
     table, values = mission.file.ranging, listener.rates
-    name, wanted, assumed = table.rate_name, table.rate_hz, table.rate_sigma_mps
+    name, wanted = table.rate_name, table.rate_hz
     if trouble := listener.rate_reader.trouble:
         yield Check(FAIL, "range rate", f"{name}: {trouble}")
         return
@@ -95,9 +95,9 @@ def _rates(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
     rate = len(values) / listener.seconds
     timed = list(enumerate(values))
     noise = bulk_sigma([residual(*three) for three in zip(timed, timed[1:], timed[2:], strict=False)])
-    enough, quiet = rate >= FULL_RATE * wanted, noise <= NOISE_NEAR * assumed * (1 + 1 / sqrt(len(values)))
-    spread = f"standard deviation {noise:.2f} m/s, ranging.rate_sigma_mps = {assumed:.2f}"
-    advice = "" if quiet else f": set it to {noise:.2g}"
+    enough, quiet = rate >= FULL_RATE * wanted, noise <= NOISE_NEAR * RATE_SIGMA * (1 + 1 / sqrt(len(values)))
+    spread = f"standard deviation {noise:.2f} m/s, {RATE_SIGMA} m/s assumed"
+    advice = "" if quiet else ": the measured value is used in flight"
     words = f"{name} {rate:.1f} Hz, newest {values[-1]:+.2f} m/s; {spread}{advice}"
     yield Check(PASS if enough and quiet else WARN, "range rate", words)
 

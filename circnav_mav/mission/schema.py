@@ -85,6 +85,7 @@ REMOVED = {
     "vehicle.max_turn_acceleration_deg_s2": "the command is not slewed",
     "vehicle.climb_gain_per_s": "0.5",
     "vehicle.max_climb_mps": "1 m/s",
+    "vehicle.full_stick_bank_deg": "50 degrees, which FW_R_LIM must be",
     "vehicle.loops.thrust_per_mps": "0.08",
     "vehicle.loops.thrust_per_bank": "0.25",
     "vehicle.loops.pitch_deg_per_m": "1.146",
@@ -93,13 +94,18 @@ REMOVED = {
     "guidance.gate_sigma": "5",
     "guidance.min_samples": "5",
     "ranging.min_range_m": "the limit that the message reports",
+    "ranging.max_range_m": "the limit that the message reports",
+    "ranging.rate_sigma_mps": "0.3 m/s until it is measured in flight",
+    "ranging.resent": "that repeated values count once",
+    "link.sim_speed": "the option --speed of circnav fly",
     "limits.outage_s": "60 s, or limits.hold_s if that is longer",
     "limits.round_trip_s": "1.2 times limits.stale_s",
     "signing.link_id": "0",
+    "log": "2000 MB as the largest run folder",
     "locate.range_bias_m": "2 m",
     "handback.every_s": "1 s",
 }
-"""Removed keys of earlier versions that are still accepted, and the values used instead."""
+"""Removed keys and tables of earlier versions that are still accepted, and the values used instead."""
 
 
 def advice(removed: Iterable[str]) -> str:
@@ -131,7 +137,6 @@ class VehicleTable(Table):
     speed_mps: Positive
     max_turn_rate_deg_s: Positive | None = None
     max_bank_deg: Annotated[float, Field(gt=0, le=75)] | None = None  # at 75 a level turn pulls 3.9 g
-    full_stick_bank_deg: Annotated[float, Field(gt=0, le=90)] = 50.0  # PX4's default of FW_R_LIM
     turn_lag_s: Annotated[float, Field(ge=0, le=MAX_TURN_LAG)] = 0.4
     turn_gain: Literal["learn"] | Annotated[float, Field(ge=0.5, le=1.5)] = "learn"
     system_id: SystemId | None = None
@@ -171,12 +176,9 @@ class RangingTable(Table):
     name: Annotated[str, Field(min_length=1, max_length=10)] = "RANGE"  # 10: of NAMED_VALUE_FLOAT
     rate_name: Annotated[str, Field(min_length=1, max_length=10)] | None = None
     rate_sign: Literal["opening", "closing"] = "opening"
-    rate_sigma_mps: Positive = 0.3
     system_id: SystemId | None = None
     component_id: ComponentId | None = None
-    max_range_m: Positive | None = None
     stamp: Literal["sensor", "arrival"] = "sensor"
-    resent: bool = False
     scale: Annotated[float, Field(ge=0.5, le=2.0)] = 1.0
     bias_m: Annotated[float, Field(ge=-1000, le=1000)] = 0.0
     delay_s: Annotated[float, Field(ge=0, le=1)] = 0.0
@@ -206,7 +208,6 @@ class LinkTable(Table):
     wait_s: Positive = 30.0
     unsigned_parameters: bool = False
     clock: Literal["local", "autopilot"] = "local"
-    sim_speed: Annotated[float, Field(ge=0.01, le=100)] | None = None
 
 
 class SigningTable(Table):
@@ -251,12 +252,6 @@ class BoundsTable(Table):
     )
 
 
-class LogTable(Table):
-    """[log]"""
-
-    max_mb: Positive = 2000.0  # about 65 h
-
-
 class MissionFile(Table):
     """The complete file, without the tables of extras. The bundled vehicle validates `sim` itself."""
 
@@ -270,6 +265,5 @@ class MissionFile(Table):
     exit: ExitTable = ExitTable()
     bounds: BoundsTable = BoundsTable()
     limits: LimitsTable
-    log: LogTable = LogTable()
     signing: SigningTable | None = None
     sim: dict[str, Any] | None = None

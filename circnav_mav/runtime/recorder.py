@@ -16,7 +16,6 @@ import struct
 import threading
 from collections.abc import Hashable, Iterable
 from enum import Enum
-from math import inf
 from pathlib import Path
 from typing import IO, Any
 
@@ -25,6 +24,8 @@ from circnav_mav.pilot import TickRecord
 from circnav_mav.pilot.loop_step import HELD_BACK, STEPS, LoopStep, requests_text
 from circnav_mav.runtime.lock import lock
 
+MOST_MB = 2000.0
+"""Largest total size of the three files, MB: about 65 h of flight."""
 FRAMES_SHARE = 0.75
 """Fraction of the size bound at which recording of frames stops, so that the ticks of a long flight fit."""
 MOST_WAITING = 20_000
@@ -54,13 +55,12 @@ class TakenError(RecorderError):
 class Recorder:
     """Writes steps and ticks in order. A disk error is reported in `problem`, and the flight continues."""
 
-    def __init__(self, folder: Path, mission_text: str, max_mb: float = inf) -> None:
-        """max_mb: bound of the total size of the three files, MB. Raises RecorderError."""
+    def __init__(self, folder: Path, mission_text: str) -> None:
+        """Raises RecorderError."""
         self.folder = folder
         self.problem: str | None = None
         self.until: float | None = None
         """Run time of the newest tick, s, written or not."""
-        self._most = max_mb * 1e6
         self._written = 0
         self._broken = False
         self._epoch_us, self._at_once = 0, False
@@ -142,11 +142,9 @@ class Recorder:
 
     def _room(self, share: float, what: str, time: float) -> bool:
         """True while less than this fraction of the bound is used."""
-        if self._written < share * self._most:
+        if self._written < share * MOST_MB * 1e6:
             return True
-        self._note(
-            f"{self.folder}: {what} are recorded up to {time:.0f} s: log.max_mb = {self._most / 1e6:g} is reached"
-        )
+        self._note(f"{self.folder}: {what} are recorded up to {time:.0f} s: {MOST_MB:g} MB are reached")
         return False
 
     def _write_step(self, item: LoopStep) -> None:

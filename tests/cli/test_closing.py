@@ -99,10 +99,11 @@ def is_there(process):
 
 @pytest.mark.usefixtures("undrawn")
 def test_every_alarm_that_began_is_kept_once_for_the_marks_of_the_report_also_that_nothing_is_recorded(
-    circnav, tmp_path
+    circnav, tmp_path, monkeypatch
 ):
+    monkeypatch.setattr("circnav_mav.runtime.recorder.MOST_MB", 0.16)
     silence = 'sim.events=[{at_s=6, action="mute_ranging"}, {at_s=9, action="unmute_ranging"}]'
-    circnav("fly", "quickstart", "--duration", 12, "--set", silence, "--set", "log.max_mb=0.16", "--out", "run")
+    circnav("fly", "quickstart", "--duration", 12, "--set", silence, "--out", "run")
     begun = [(alarm["time_s"], alarm["text"][:11]) for alarm in strict(tmp_path / "run" / "summary.json")["alarms"]]
     assert begun[0] == (pytest.approx(7, abs=1), "RANGE STALE")
     assert begun[1:] == [(pytest.approx(10, abs=1.5), "NOT RECORDI")]

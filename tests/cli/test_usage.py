@@ -16,8 +16,6 @@ PORT_IN_USE = "endpoint udpin:127.0.0.1:BUSY: port is in use by another program:
         ("fly config/px4_plane.toml", "config/px4_plane.toml: no such file; give the bundled one by its name: px4-"),
         ("fly mission.toml --set orbit.radius_m", "--set orbit.radius_m: write it as table.key=value"),
         ("fly mission.toml --duration -5", "mission.toml: limits.duration_s: must be above 0, not -5"),
-        ("fly mission.toml --speed 0", "mission.toml: link.sim_speed: must be at least 0.01, not 0"),
-        ("fly mission.toml --speed 1e-300", "mission.toml: link.sim_speed: must be at least 0.01, not 1e-300"),
         ("fly mission.toml --speed 8", "--speed: only the bundled vehicle can be simulated faster, not udpin:127."),
         ("fly mission.toml --endpoint udpin:127.0.0.1:BUSY", PORT_IN_USE),
         ("fly mission.toml --set ranging.endpoint=udpin:127.0.0.1:BUSY", PORT_IN_USE),

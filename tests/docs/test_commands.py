@@ -88,7 +88,7 @@ def test_the_printed_driver_is_heard_under_the_printed_mission_lines(tmp_path, p
             wire.bind(("127.0.0.1", port))
             wire.settimeout(PATIENCE)
             wire.recv(1000)
-        survey = circnav("preflight", COPTER, *overrides, "--set", "link.sim_speed=1.0", "--seconds", "3", *UNHURRIED)
+        survey = circnav("preflight", COPTER, *overrides, "--seconds", "3", *UNHURRIED)
         printed, problem = survey.communicate(timeout=PATIENCE)
     finally:
         radio.terminate()

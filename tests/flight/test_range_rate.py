@@ -9,7 +9,7 @@ from circnav_mav.runtime.status import StatusSource
 from tests.flight.lockstep import Flight, clockwise_turns, flight, last_third, mean_radius, rms_error
 
 RADIO = (
-    "ranging.message=named_value_float", "ranging.rate_name=RRATE", "ranging.rate_sigma_mps=0.2",
+    "ranging.message=named_value_float", "ranging.rate_name=RRATE",
     "sim.ranging.message=named_value_float", "sim.ranging.rate_name=RRATE", "sim.ranging.outlier_fraction=0.0",
 )  # fmt: skip
 

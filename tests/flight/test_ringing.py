@@ -24,15 +24,15 @@ APPROACH = 50.0
 LAG = {"arduplane": 0.5, "arducopter": 0.7}  # turn_lag_s of the missions flown
 
 
-def as_shipped(mission: str, share_counts: bool = False) -> Callable[..., tuple[float, float]]:
+def as_shipped(mission: str, share_counts: bool = False) -> Callable[..., float]:
     """The law as flown on firmware at first: made for a pure first-order lag, with a full lead. share_counts: whether
     it lowers its gains where its command was found swinging."""
 
     before = {"psi": 0.0, "time": -inf, "rate": 0.0}
 
-    def steer(settings: StepSettings, found: RelativeMotion, _change: object, inputs: Inputs) -> tuple[float, float]:
+    def steer(settings: StepSettings, found: RelativeMotion, _change: object, inputs: Inputs) -> float:
         lag, delay, sense = LAG[mission], 0.022, settings.sense
-        V, r_d = found.airspeed, settings.r_d + inputs.trim
+        V, r_d = found.airspeed, settings.r_d
         lead = 1 - 2 * delay / lag
         left = lag / (1 + lead)
         heading = 0.5 / (left + delay) * (inputs.share if share_counts else 1.0)
@@ -50,7 +50,7 @@ def as_shipped(mission: str, share_counts: bool = False) -> Callable[..., tuple[
 
         rotation = remainder(wanted(left + 0.05) - wanted(left - 0.05), 2 * pi) / 0.1
         aimed = rotation + heading * remainder(wanted(0.0) - psi, 2 * pi)
-        return aimed + (lead * inputs.share if share_counts else lead) * (aimed - rate), 0.0
+        return aimed + (lead * inputs.share if share_counts else lead) * (aimed - rate)
 
     return steer
 

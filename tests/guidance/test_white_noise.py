@@ -6,7 +6,7 @@ import pytest
 from circnav_mav.guidance.white_noise import WhiteNoise, bulk_sigma, quantile, residual
 
 
-@pytest.mark.parametrize("rows", [1, 3, 7, 41])
+@pytest.mark.parametrize("rows", [1, 3, 4, 7, 40, 41])
 def test_the_median_of_the_values_present_is_numpys(rows):
     values = np.random.default_rng(rows).normal(size=(rows, 200))
     values[: rows // 2 - rows // 2 % 2, :50] = np.nan

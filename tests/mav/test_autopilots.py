@@ -3,7 +3,7 @@ definitions: wire order by field size, trailing zeros cut, CRC-16/MCRF4XX with t
 
 import struct
 from dataclasses import replace
-from math import atan, cos, inf, nan, sin, sqrt
+from math import atan, cos, inf, nan, radians, sin, sqrt
 
 import numpy as np
 import pytest
@@ -21,7 +21,8 @@ from tests.rig import ORBIT, Rig, Voice, decode, heartbeat, x25
 
 US, VEHICLE_IDS = (7, 191), (7, 1)
 SPEED, TURN = 10.0, 0.2  # m/s; rad/s, left positive
-FACTS = VehicleFacts(speed=SPEED, max_bank=0.7, stick_bank=0.8)
+FACTS = VehicleFacts(speed=SPEED, max_bank=0.7)
+FULL_STICK = radians(50)
 AT = 12.345
 LEVEL = Motion(roll=0.0, pitch=0.0, yaw=1.0, airspeed=SPEED, altitude=0.0, climb=0.5)
 STATE = SetpointContext(*VEHICLE_IDS, motion=LEVEL, height=-1.0)
@@ -114,7 +115,7 @@ def test_planes_are_commanded_the_bank_of_the_coordinated_turn(side: str) -> Non
     turn_rate, sense = SIDES[side]
     thrust = 0.63 + 0.25 * (1 / cos(BANK * sense) - 1)
     assert_alike(sent(("ardupilot", "plane"), turn_rate), attitude_frame(0xC6, roll=BANK * sense))
-    assert sent(("px4", "plane"), turn_rate) == stick_frame(round(1000 * BANK / 0.8) * sense)
+    assert sent(("px4", "plane"), turn_rate) == stick_frame(round(1000 * BANK / FULL_STICK) * sense)
     by_attitude = attitude_frame(0x07, roll=BANK * sense, pitch=-0.04, thrust=thrust)
     assert_alike(sent(("px4", "plane attitude"), turn_rate), by_attitude)
 
@@ -175,7 +176,7 @@ def test_bank_and_stick_stay_within_the_mission_s_limit(key: tuple[str, str]) ->
         w, x = struct.unpack_from("<2f", hard, 14)
         assert 2 * atan(abs(x) / w) <= 0.7 + 1e-6
     if hard[7] == 69:
-        assert abs(struct.unpack_from("<h", hard, 12)[0]) == round(1000 * 0.7 / 0.8)
+        assert abs(struct.unpack_from("<h", hard, 12)[0]) == round(1000 * 0.7 / FULL_STICK)
 
 
 @pytest.mark.parametrize("airspeed", [None, 0.1, 1.0, 4.99, 16.01, 150.0, nan])
@@ -190,7 +191,7 @@ def test_an_airspeed_that_cannot_be_is_not_used(key: tuple[str, str], airspeed: 
 @pytest.mark.parametrize("vehicle", AUTOPILOTS.values(), ids=lambda one: one.__name__)
 def test_a_parameter_that_is_no_number_fails_and_says_so(vehicle, value) -> None:
     names = {name for rule in vehicle.parameters for name, _ in rule.names}
-    context = Context(15.0, 20.0, 30.0, 50.0, 0.05, 1, dict.fromkeys(names, value))
+    context = Context(15.0, 20.0, 30.0, 0.05, 1, dict.fromkeys(names, value))
     for check in (rule.check(context) for rule in vehicle.parameters):
         assert check.grade is Grade.FAIL and check.text.endswith(f"= {value:g}: is not a number: set it again")
 
@@ -199,7 +200,7 @@ def test_a_parameter_that_is_no_number_fails_and_says_so(vehicle, value) -> None
 def test_an_airspeed_that_can_be_makes_the_bank_of_its_own_coordinated_turn(airspeed: float) -> None:
     bank, state = atan(TURN * airspeed / 9.80665), at_airspeed(airspeed)
     assert_alike(sent(("ardupilot", "plane"), TURN, state), attitude_frame(0xC6, roll=-bank))
-    assert sent(("px4", "plane"), TURN, state) == stick_frame(-round(1000 * bank / 0.8))
+    assert sent(("px4", "plane"), TURN, state) == stick_frame(-round(1000 * bank / FULL_STICK))
     thrust = min(0.63 + 0.25 * (1 / cos(bank) - 1) + 0.08 * (SPEED - airspeed), 1.0)
     by_attitude = attitude_frame(0x07, roll=-bank, pitch=-0.04, thrust=thrust)
     assert_alike(sent(("px4", "plane attitude"), TURN, state), by_attitude)
@@ -209,7 +210,7 @@ def test_thin_air_makes_the_bank_steeper() -> None:
     """3000 m above the sea, where the density is .909 kg/m^3: by the true airspeed, which nobody shows."""
     thin = STATE._replace(motion=LEVEL._replace(altitude=3000.0))
     bank = atan(TURN * SPEED * sqrt(1.225 / 0.90925) / 9.80665)
-    assert sent(("px4", "plane"), TURN, thin) == stick_frame(-round(1000 * bank / 0.8))
+    assert sent(("px4", "plane"), TURN, thin) == stick_frame(-round(1000 * bank / FULL_STICK))
 
 
 @pytest.mark.parametrize(("bound", "within", "again"), [(16.0, 15.6, 15.0), (5.0, 5.9, 6.0)])

@@ -54,7 +54,6 @@ BOUNDS = [
     # DISTANCE_SENSOR ends at 655.34 m: 40 % are 262.1 m, 80 % are 524.3 m
     ("reach", "orbit.radius_m=261", PASS), ("reach", "orbit.radius_m=263", WARN), ("reach", "orbit.radius_m=524", WARN),
     ("reach", "orbit.radius_m=525", FAIL), ("reach", f"orbit.radius_m=2000 {BEACON}", PASS),
-    ("reach", "ranging.max_range_m=120", FAIL),
     # stale after 0.5 s, two ranges should fit
     ("sampling", "ranging.rate_hz=4.0", PASS), ("sampling", "limits.stale_s=0.5 ranging.rate_hz=3.9", WARN),
     ("sampling", "limits.stale_s=0.5 ranging.rate_hz=2.0", WARN),
@@ -107,8 +106,6 @@ SENT_TYPES = [
      "range on the circle 500.0 m, distance_sensor reports up to 655.3 m (76 %, at most 80 %)"),
     ("reach", BEACON, PASS,
      "range on the circle 100.0 m, ranging_beacon reports up to 4295 km (0 %, at most 80 %)"),
-    ("reach", "ranging.max_range_m=600", PASS,
-     "range on the circle 100.0 m, ranging.max_range_m = 600.0 m (17 %, at most 80 %)"),
     # d rho = h/rho dh
     ("height cost", "orbit.height_above_target_m=29", PASS,
      "1 m of error in the height above the target (29.0 m) changes the radius by 0.29 m (WARN above 0.3)"),

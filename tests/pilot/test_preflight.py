@@ -182,7 +182,7 @@ BEACON = (
 ROVER = ("link.wait_s=2.0", 'sim.vehicle.profile="ardurover"', 'sim.start.mode="HOLD"')
 LOW = ("orbit.height_above_target_m=95.0", "orbit.radius_m=60.0")
 RATE = (
-    "ranging.message=named_value_float", "ranging.rate_name=RR", "ranging.rate_sigma_mps=0.2",
+    "ranging.message=named_value_float", "ranging.rate_name=RR",
     "sim.ranging.message=named_value_float",
 )  # fmt: skip
 RATE_SENT = (*RATE, "sim.ranging.rate_name=RR")
@@ -204,7 +204,7 @@ RATE_SENT = (*RATE, "sim.ranging.rate_name=RR")
         (("sim.events=[{at_s=5.0, action='mute_ranging'}]",), "age", FAIL, "s old"),
         (LOW, "distance", WARN, "possible on the ground only"),
         (RATE_SENT, "range rate", PASS, " Hz, newest "),
-        ((*RATE_SENT, "sim.ranging.rate_noise_mps=0.8"), "range rate", WARN, "set it to 0.9"),
+        ((*RATE_SENT, "sim.ranging.rate_noise_mps=0.8"), "range rate", WARN, "the measured value is used in flight"),
         (RATE, "range rate", FAIL, "0 NAMED_VALUE_FLOAT RR"),
         ((*RATE_SENT, "sim.ranging.rate_noise_mps=0.0", "sim.ranging.rate_bias_mps=0.0"), "range rate", WARN,
          "frozen, or its"),

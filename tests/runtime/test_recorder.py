@@ -36,8 +36,9 @@ def tick(**changes):
 
 
 @pytest.fixture
-def recorder(tmp_path):
-    made = Recorder(tmp_path / "deep" / "run", "name = 'Zürich'\n", max_mb=0.1)
+def recorder(tmp_path, monkeypatch):
+    monkeypatch.setattr("circnav_mav.runtime.recorder.MOST_MB", 0.1)
+    made = Recorder(tmp_path / "deep" / "run", "name = 'Zürich'\n")
     made.start(EPOCH_US)
     yield made
     made.close()
@@ -136,7 +137,7 @@ def test_a_bounded_run_folder_keeps_its_bound_and_the_ticks_outlast_the_frames(r
     )
     assert steps[-1].time < ticks.time[-1] < 74
     assert recorder.problem == (
-        f"{folder}: frames are recorded up to {steps[-1].time + 0.05:.0f} s: log.max_mb = 0.1 is reached"
+        f"{folder}: frames are recorded up to {steps[-1].time + 0.05:.0f} s: 0.1 MB are reached"
     )
 
 

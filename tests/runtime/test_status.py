@@ -40,7 +40,7 @@ def drawn(status, *, ascii_only=False, settings=SETTINGS, columns=80):
         (10.2, [], "outage", "holding", "", STALE),
         (9.0, ['engage.on_takeover="wait"'], "takeover", "yielded", BACK, ""),
         (9.0, [], "takeover", "ended", "", ""),
-        (8.0, ["ranging.max_range_m=50.0"], None, "waiting for ranging", "no ranging: ",
+        (8.0, ["ranging.bias_m=900.0"], None, "waiting for ranging", "no ranging: ",
          "MOST RANGES REJECTED: .* per second"),
         (9.0, [], "silence", "waiting for the link", "", r"LINK SILENT for [23]\.\d s; .*"),
     ],
@@ -84,9 +84,9 @@ def test_a_flight_that_goes_well_raises_no_alarm_tells_its_rates_and_counts_from
 
 def test_ranges_that_are_refused_are_counted_by_reason_and_those_of_an_outage_or_of_others_not_at_all(statuses):
     """PX4 repeats what the radio says under its own id."""
-    rejecting = statuses(8.0, "ranging.max_range_m=50.0")[-1]
-    assert list(rejecting.rejected) == ["above_max"]
-    assert re.search(r"rejected +\d+ of \d+: \d+ above_max", "\n".join(drawn(rejecting)))
+    rejecting = statuses(8.0, "ranging.bias_m=900.0")[-1]
+    assert list(rejecting.rejected) == ["no_range"]
+    assert re.search(r"rejected +\d+ of \d+: \d+ no_range", "\n".join(drawn(rejecting)))
     assert statuses(10.2, event="outage")[-1].rates.taken == 0
     flown = flight("px4_copter")
     assert flown.pilot.status.waits_for(0.0) == "no autopilot heartbeat, 0 bytes received"
@@ -134,7 +134,7 @@ def test_a_wide_terminal_is_used_and_one_below_80_columns_gets_80(statuses):
         picture = Picture(SETTINGS, "small", ascii_only=False).draw(statuses(12.0)[-1], columns)
         assert picture.width == max(columns, 80)
         assert max(sum(line.count(sign) for sign in "─┼●") for line in picture.renderable.plain.splitlines()) == cells
-    waits = statuses(8.0, "ranging.max_range_m=50.0")[-1]
+    waits = statuses(8.0, "ranging.bias_m=900.0")[-1]
     assert [" ... " in "\n".join(drawn(waits, columns=columns)) for columns in (80, 140)] == [True, False]
 
 

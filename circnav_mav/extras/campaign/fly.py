@@ -16,7 +16,7 @@ from circnav_mav.mission.load import MissionError
 OWN = frozenset({
     "name", "vehicle.max_turn_rate_deg_s", "vehicle.max_bank_deg", "orbit.radius_m", "orbit.direction",
     "orbit.height_above_target_m", "guidance.gain", "guidance.correct_radius",
-    "ranging.sigma_m", "ranging.max_range_m", "link.sim_speed", "sim.seed", "sim.start.north_m",
+    "ranging.sigma_m", "sim.seed", "sim.start.north_m",
     "sim.start.east_m", "sim.start.altitude_m", "sim.start.heading_deg", "sim.vehicle.max_turn_rate_deg_s",
     "sim.ranging.preset", "sim.ranging.noise_m", "sim.ranging.bias_m",
     "sim.ranging.outlier_fraction", "sim.ranging.outlier_m", "sim.ranging.dropout_fraction",
@@ -60,7 +60,7 @@ def lockstep_reason(run: Run) -> str | None:
         'sim.ranging.via = "autopilot" repeats ranges': ranging.via == "autopilot",
         "the range noise is larger than ranging.sigma_m": white_noise(ranging) > MOST_SCATTER * file.ranging.sigma_m,
         "sim.ranging.outlier_fraction is so large that the pilot treats outliers as noise": wild,
-        "[ranging] resent or stamp is not the default": file.ranging.resent or file.ranging.stamp == "arrival",
+        "ranging.stamp is not the default": file.ranging.stamp == "arrival",
         "ranging.rate_name: a measured range rate": file.ranging.rate_name is not None,
         "guidance.radius_trim_per_s is not 0": file.guidance.radius_trim_per_s > 0,
         "[bounds] is set": file.bounds != type(file.bounds)(),

@@ -90,7 +90,7 @@ def _member(
     carrier = FrameCarrier(network.port(table.id), table.group, table.id)
     onlookers = open_onlookers(mission, pilot, None, options | {"fleet_carrier": carrier}, opened)
     try:
-        recorder = Recorder(folder / f"{table.id:02d}", mission.text, mission.file.log.max_mb)
+        recorder = Recorder(folder / f"{table.id:02d}", mission.text)
     except RecorderError as error:
         raise Refused(str(error)) from None
     opened.enter_context(closing(recorder))

@@ -129,7 +129,7 @@ def open_onlooker(given: OnlookerSettings) -> LivePage | None:
         return None
     if not port.isdecimal() or int(port) > MOST_PORT:
         raise Refused(f"--web {port}: is not a port; write: circnav fly MISSION --web [PORT]")
-    tolerance, speed = TOLERANCE * mission.orbit.radius, mission.run_speed(PAGE_SPEED)
+    tolerance, speed = TOLERANCE * mission.orbit.radius, mission.run_speed(given.options.get("speed"), PAGE_SPEED)
     with refusing("--web", WebError):
         page = LivePage(
             given.pilot, given.others, int(port), name=mission.file.name, tolerance=tolerance, speed=speed,

@@ -7,6 +7,7 @@ import numpy as np
 
 from circnav_mav.guidance.estimators.relative_ekf import BIAS_TIME
 from circnav_mav.guidance.maths import Batch
+from circnav_mav.guidance.white_noise import WhiteNoise, is_even, quantile, residual
 
 WIDTH = 0.25
 """Width of a bin, s: within it the range deviates from a straight line by centimeters only."""
@@ -15,10 +16,7 @@ SLOTS = 8
 COUNT = 64
 """Bins kept: 16 s, more than a turn needs to distinguish all directions."""
 ROUGH, ROUGH_ENOUGH = 40, 16
-"""Second differences kept to measure the white part of the noise, and fewest that are used."""
-EVEN = 0.19
-"""Share by which two steps may differ and still count as equal. It avoids the ratios that lost samples cause, where
-rounding would decide."""
+"""Residuals kept to measure the white part of the noise, and fewest that are used."""
 DRIFT_PSD = 0.01
 """Process noise of the drift, m^2/s^3."""
 
@@ -43,9 +41,9 @@ class RangeWindow:
         self._bins = np.zeros((5, COUNT, flights))
         self._bins[4] = np.inf
         self._closed = np.zeros(flights, int)
-        self._bends = np.full((ROUGH, flights), np.nan)
-        self._before = np.full((4, flights), np.nan)
-        self._seen = np.zeros(flights, int)
+        self._noise = WhiteNoise(ROUGH, 0.5, flights)
+        self._newest = np.full((2, 2, flights), np.nan)
+        """Times and ranges of the newest two samples, oldest first."""
         self.now, self.path = np.zeros(flights), np.zeros((2, flights))
 
     def add(self, dt: Batch, chord: Batch, z: Batch, sigma: Batch, valid: Batch) -> Batch:
@@ -65,9 +63,7 @@ class RangeWindow:
 
     def white(self, sigma: Batch) -> Batch:
         """Return the standard deviation of the white part of the noise, m, (B,): sigma until enough was measured."""
-        known = np.isfinite(self._bends).sum(axis=0) >= ROUGH_ENOUGH
-        middle = _median(np.where(known, self._bends, 0.0))
-        return np.where(known, np.minimum(middle / (0.6745 * np.sqrt(6)), sigma), sigma)
+        return np.where(self._noise.count >= ROUGH_ENOUGH, np.minimum(self._noise.sigma, sigma), sigma)
 
     def bins(self, at: Batch, sigma: Batch) -> Bins:
         """Return the bins of the flights `at`, oldest first, with their current variances."""
@@ -87,23 +83,17 @@ class RangeWindow:
         return np.isfinite(self._bins[4][:, at]).sum(axis=0)
 
     def _roughen(self, z: Batch, valid: Batch) -> None:
-        """Record |z0 - 2 z1 + z2| of equally spaced samples. It contains the white noise but hardly any motion."""
-        t2, z2, t1, z1 = self._before
-        steps = self.now - t1, t1 - t2
-        even = valid & (np.abs(steps[0] - steps[1]) < EVEN * steps[0])
-        of = np.flatnonzero(even)
-        self._bends[self._seen[of] % ROUGH, of] = np.abs(z - 2 * z1 + z2)[of]
-        self._seen[of] += 1
-        now = np.array([t1, z1, self.now, z])
-        self._before = np.where(valid, now, self._before)
+        """Record the residual of equally spaced samples."""
+        three = [*self._newest, np.array([self.now, z])]
+        at = np.flatnonzero(valid & is_even(*three))
+        self._noise.add(residual(*(moment[:, at] for moment in three)), at)
+        self._newest = np.where(valid, three[1:], self._newest)
 
     def _close(self, at: Batch, sigma: Batch) -> None:
         """Close the open bins of the flights `at`: average their samples without those far from the median."""
         open_ = self._open[..., at]
         z = open_[3]
-        any_in = np.isfinite(z).any(axis=0)
-        middle = _median(np.where(any_in, z, 0.0))
-        good = np.abs(z - middle) <= self._speed * WIDTH + 4 * sigma[at]
+        good = np.abs(z - quantile(z, 0.5)) <= self._speed * WIDTH + 4 * sigma[at]
         count = good.sum(axis=0)
         slot = self._closed[at] % COUNT
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -112,11 +102,3 @@ class RangeWindow:
         self._closed[at] += 1
         self._open[..., at] = np.nan
         self._filled[at], self._opened[at] = 0, self.now[at]
-
-
-def _median(values: Batch) -> Batch:
-    """Return the median (B,) of the values other than NaN in each column of (n, B). No column may be empty. Same as
-    `np.nanmedian`, which takes ten times as long for a few values."""
-    count = np.isfinite(values).sum(axis=0)
-    ordered, column = np.sort(values, axis=0), np.arange(values.shape[1])
-    return (ordered[(count - 1) // 2, column] + ordered[count // 2, column]) / 2

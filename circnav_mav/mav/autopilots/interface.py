@@ -23,6 +23,8 @@ tube), and bank and thrust computed from it would be wrong for the whole flight.
 TRUSTED_AGAIN = (0.6, 1.5)
 """Shares between which a rejected sensor is used again. The hysteresis prevents steps of thrust and bank when noise
 crosses the bound."""
+FULL_STICK = 50.0
+"""Bank at full stick, deg: the default of PX4's FW_R_LIM."""
 STANDING = 0.3
 """Speed, m/s, below which a reported velocity has no direction."""
 VELOCITY_IGNORED = dialect.POSITION_TARGET_TYPEMASK_VX_IGNORE | dialect.POSITION_TARGET_TYPEMASK_AX_IGNORE
@@ -35,18 +37,17 @@ PLANE_TYPES = frozenset((dialect.MAV_TYPE_FIXED_WING,))
 class VehicleFacts:
     """Vehicle data from the mission.
 
-    speed: V, m/s. max_bank: rad, for vehicles that turn by banking. stick_bank: bank at full stick (PX4's FW_R_LIM),
-    rad. trim_thrust: thrust in level flight at V, 0 to 1, for vehicles with thrust setpoints.
+    speed: V, m/s. max_bank: rad, for vehicles that turn by banking. trim_thrust: thrust in level flight at V, 0 to 1,
+    for vehicles with thrust setpoints.
     """
 
     speed: float
     max_bank: float = 0.7
-    stick_bank: float = 0.8727
     trim_thrust: float = 0.63
 
     def stick(self, bank: float) -> float:
         """Return the roll stick of MANUAL_CONTROL, thousandths to the right, for a bank (rad, right positive)."""
-        return 1000 * min(max(bank / self.stick_bank, -1.0), 1.0)
+        return 1000 * min(max(bank / radians(FULL_STICK), -1.0), 1.0)
 
 
 class SetpointContext(NamedTuple):

@@ -22,14 +22,13 @@ ROUNDING = 1e-6
 class Context:
     """Inputs of a rule besides its value.
 
-    speed: m/s, max_turn_rate_deg: deg/s, max_bank_deg, stick_bank_deg (bank at full stick): deg, tick: s, all from the
-    mission. system: id of the vehicle. values: all parameters read. circle_turn_rate: on the smallest circle, rad/s.
+    speed: m/s, max_turn_rate_deg: deg/s, max_bank_deg: deg, tick: s, all from the mission. system: id of
+    the vehicle. values: all parameters read. circle_turn_rate: on the smallest circle, rad/s.
     """
 
     speed: float
     max_turn_rate_deg: float
     max_bank_deg: float
-    stick_bank_deg: float
     tick: float
     system: int
     values: Mapping[str, float]

@@ -4,7 +4,7 @@ from types import MappingProxyType
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.autopilots.interface import PLANE_TYPES, SetpointContext
+from circnav_mav.mav.autopilots.interface import FULL_STICK, PLANE_TYPES, SetpointContext
 from circnav_mav.mav.autopilots.parameters import (
     FAIL,
     PASS,
@@ -26,7 +26,7 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.setpoint_guard import Steer
 
 STICK_SCALE = 0.5
-"""Largest difference between the bank at full stick and the mission's value, deg."""
+"""Largest difference between the bank at full stick and FULL_STICK, deg."""
 _STICK_LOSS: dict[float, str] = {1: "stays in Hold", 2: "flies home (RTL)", 3: "lands where it is"}
 _STOPS_MOTORS = {5: "terminates the flight", 6: "disarms"}
 _STOCK_STICK_LOSS = 2.0
@@ -70,9 +70,8 @@ def _stick_loss_exceptions(value: float, context: Context) -> Verdict:
 
 
 def _stick_bank(value: float, context: Context) -> Verdict:
-    ours = context.stick_bank_deg
-    if abs(value - ours) > STICK_SCALE:
-        return FAIL, f"full stick is {value:g} deg of bank: set vehicle.full_stick_bank_deg = {value:g}, not {ours:g}"
+    if abs(value - FULL_STICK) > STICK_SCALE:
+        return FAIL, f"full stick is {value:g} deg of bank, circnav assumes {FULL_STICK:g}: set it to {FULL_STICK:g}"
     return bank_limit(value, context)
 
 
@@ -101,7 +100,7 @@ class PX4PlaneStick(PX4Vehicle):
         rule("COM_RC_LOSS_T", _stick_loss, advised=always(0.5)),
         rule("NAV_RCL_ACT", _stick_loss_action, advised=always(2)),
         rule("COM_RCL_EXCEPT", _stick_loss_exceptions, advised=always(_HOLD_EXCEPTED)),
-        rule("FW_R_LIM", _stick_bank, advised=lambda context: context.stick_bank_deg),
+        rule("FW_R_LIM", _stick_bank, advised=always(FULL_STICK)),
         rule("FW_AIRSPD_TRIM", held_airspeed, advised=mission_speed),
         rule("FW_AIRSPD_MIN", least_airspeed),
         rule("FW_AIRSPD_MAX", most_airspeed),

@@ -41,6 +41,8 @@ OTHERS = frozenset({Reject.WRONG_SOURCE.value, Reject.OTHER_SENSOR.value})
 """Reasons for messages of other sensors, which do not indicate a fault of ours."""
 EXPLAINED = frozenset({Reject.AMBIGUOUS.value, Reject.NO_HEIGHT.value})
 """Reasons that are shown to the operator with their remedy while they apply."""
+RATE_SIGMA = 0.3
+"""Standard deviation of a measured range rate, m/s, until it is measured in flight."""
 _CLOCK = frozenset({Reject.STAMP_JUMP.value, Reject.CLOCK.value})
 
 
@@ -57,13 +59,12 @@ class RangingSettings:
     """Selection of the ranging telemetry: keys of [ranging] in the mission, and values derived from other sections.
 
     message: mission name of the message. beacon_id, sensor_id, orientation, name: its filters. system_id, component_id:
-    the sender, None for the first that fits. sigma_m: standard deviation if the message carries none. max_range_m:
-    largest accepted slant range. max_age: oldest accepted sample, s. stamp: time to use, the message's own ("sensor")
-    or ours ("arrival"). rate_hz: measurement rate of the sensor. resent: True if the sender repeats values faster than
-    that. max_sigma: largest usable standard deviation, reported or measured, m. rate_name: name of the
+    the sender, None for the first that fits. sigma_m: standard deviation if the message carries none. max_age: oldest
+    accepted sample, s. stamp: time to use, the message's own ("sensor") or ours ("arrival"). rate_hz: measurement rate
+    of the sensor. max_sigma: largest usable standard deviation, reported or measured, m. rate_name: name of the
     NAMED_VALUE_FLOAT with the range rate, or None. rate_sign: "opening" if it is positive away from the target,
-    "closing" if positive towards it. rate_sigma_mps: its standard deviation. listens: False to steer without first
-    waiting for a second source. calibration: error of the radio, removed from each reading.
+    "closing" if positive towards it. listens: False to steer without first waiting for a second source. calibration:
+    error of the radio, removed from each reading.
     """
 
     message: str = "distance_sensor"
@@ -74,15 +75,12 @@ class RangingSettings:
     system_id: int | None = None
     component_id: int | None = None
     sigma_m: float = 0.5
-    max_range_m: float = 10000.0
     max_age: float = 0.5
     stamp: str = "sensor"
     rate_hz: float = 10.0
-    resent: bool = False
     max_sigma: float = inf
     rate_name: str | None = None
     rate_sign: str = "opening"
-    rate_sigma_mps: float = 0.3
     listens: bool = True
     calibration: Calibration = field(default_factory=Calibration)
 

@@ -15,7 +15,15 @@ from circnav_mav.guidance.types import SAME_TIME, RangeSample, RateSample
 from circnav_mav.mav.clocks import JUMP, Order, Slower, StampFilter, no_link_delay
 from circnav_mav.mav.codec import Message, ids
 from circnav_mav.mav.identity import AUTOPILOT_COMPONENT, Sender
-from circnav_mav.mav.ranging.interface import EXPLAINED, OTHERS, RangingSettings, Reading, Reject, boot_stamp
+from circnav_mav.mav.ranging.interface import (
+    EXPLAINED,
+    OTHERS,
+    RATE_SIGMA,
+    RangingSettings,
+    Reading,
+    Reject,
+    boot_stamp,
+)
 from circnav_mav.mav.ranging.sources import SOURCE_SILENT, RangeSource, RangeSources
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 
@@ -146,7 +154,7 @@ class RangeReader:
             reading = reading.calibrated(settings.calibration)
         if reading.slant <= 0:  # near the beacon, a corrected bias of meters can give this
             return Reject.NO_RANGE
-        if reading.slant > settings.max_range_m:
+        if reading.slant > self._kind.farthest:
             return Reject.ABOVE_MAX
         # Before the engagement a second source may be the intended one. In flight it has no effect.
         if self._ambiguous(now):
@@ -230,7 +238,8 @@ class RangeReader:
         if order is Order.OLDER:
             return Reject.OLDER
         again = reading.sequence is not None and reading.sequence == self._sequence and now - clock.newest_at < 10
-        resent = settings.resent and reading.slant == self.slant and stamp - clock.newest < 0.9 / settings.rate_hz
+        # ArduPilot sends its own rangefinder's last value under new stamps until the next measurement.
+        resent = reading.slant == self.slant and stamp - clock.newest < 0.9 / settings.rate_hz
         return Reject.REPEAT if order is Order.REPEATED or again or resent else None
 
     def _restart(self) -> None:
@@ -251,7 +260,7 @@ class RangeRateReader:
         self._settings, self._ranging, self._noise, self._most = settings, ranging, noise, MOST_RATE * speed
         self._check = RateCheck()
         self._stamp: float | None = None
-        self._sigma = settings.rate_sigma_mps
+        self._sigma = RATE_SIGMA
 
     @property
     def trouble(self) -> str:
@@ -286,7 +295,7 @@ class RangeRateReader:
             return None
         self._stamp = stamp
         rate = message.value if settings.rate_sign == "opening" else -message.value
-        self._sigma = self._noise.corrected(stamp, rate, settings.rate_sigma_mps, moving=ranging.moving)
+        self._sigma = self._noise.corrected(stamp, rate, RATE_SIGMA, moving=ranging.moving)
         self._check.add_rate(stamp, rate)
         if self.trouble:
             return None

@@ -17,7 +17,7 @@ class Pair:
     """A radio's range and rate, through pymavlink."""
 
     def __init__(self, height=None, **settings):
-        settings = RangingSettings("named_value_float", name="R", rate_name="RR", rate_sigma_mps=0.2, **settings)
+        settings = RangingSettings("named_value_float", name="R", rate_name="RR", **settings)
         self.ranging, self.height = RangeReader(settings), height
         self.rates = RangeRateReader(settings, self.ranging, NoiseCheck.of_rates(15.0, 0.35), 15.0)
 
@@ -45,7 +45,7 @@ def test_it_is_positive_away_from_the_target_whichever_way_the_radio_counts(sign
     pair = Pair(rate_sign=sign)
     pair.range(100.0, 1.0)
     sample = pair.rate(-4.5, 1.01, stamp=501_000)
-    assert (sample.r_dot, sample.sigma, sample.stamp, sample.time) == pytest.approx((rate, 0.2, 501.0, 1.0))
+    assert (sample.r_dot, sample.sigma, sample.stamp, sample.time) == pytest.approx((rate, 0.3, 501.0, 1.0))
 
 
 def test_it_counts_only_from_the_sender_of_the_ranges_and_after_the_first_of_them():
@@ -77,7 +77,7 @@ def test_a_slant_range_rate_is_made_horizontal_as_its_range_is():
     pair = Pair(height=50.0)
     pair.range(130.0, 1.0)
     sample = pair.rate(-6.0, 1.0)
-    assert (sample.r_dot, sample.sigma) == pytest.approx((-6.5, 0.2 * 130 / 120))
+    assert (sample.r_dot, sample.sigma) == pytest.approx((-6.5, 0.3 * 130 / 120))
 
 
 def test_a_lie_is_left_out_and_named():

@@ -53,7 +53,7 @@ class Target:
         overrides = [f'ranging.message="{ranging}"', 'engage.on_takeover="wait"', "limits.duration_s=1e9"]
         overrides += ["limits.hold_s=3600", "link.wait_s=1e6"]
         if ranging == "ranging_beacon":
-            overrides += ['ranging.endpoint="udpin:127.0.0.1:14560"', "ranging.max_range_m=2000.0"]
+            overrides += ['ranging.endpoint="udpin:127.0.0.1:14560"']
         self.settings = load_mission(CONFIG / f"{profile}.toml", overrides).pilot_settings()
         self.allowed = Allowed.of(self.settings)
         self.now = 0.0

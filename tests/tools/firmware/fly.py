@@ -134,7 +134,6 @@ def write_mission(flown: Flight, path: Path, port: int, target_altitude: float) 
     level, to a tenth)."""
     mission = tomlkit.parse((Path(flown.config) / f"{flown.what.mission}.toml").read_text())
     mission.pop("sim", None)
-    mission["link"].pop("sim_speed", None)
     mission["link"]["endpoint"] = f"udpin:{LOOPBACK}:{port}"
     if flown.speedup != 1:
         mission["link"]["clock"] = "autopilot"
