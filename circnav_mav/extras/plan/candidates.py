@@ -49,15 +49,16 @@ class Site:
 @dataclass(frozen=True, slots=True)
 class Candidate:
     """A circle. bank: mean bank or lean, deg, None for a rover. turn: turn rate in still air, deg/s. used: share of the
-    vehicle's turn rate at the most downwind point. most_wind: m/s. lap, flight: s. rms, place: m; place is None without
-    a survey. problems: subjects of check lines that do not pass."""
+    vehicle's turn rate at the most downwind point. most_wind: m/s, None if the autopilot compensates the wind. lap,
+    flight: s. rms, place: m; place is None without a survey. problems: subjects of check lines that do not pass.
+    """
 
     radius: float
     speed: float
     bank: float | None
     turn: float
     used: float
-    most_wind: float
+    most_wind: float | None
     lap: float
     flight: float
     rms: float
@@ -91,14 +92,14 @@ def candidate(mission: Mission, site: Site) -> Candidate:
     able, lap = orbit.max_turn_rate * gain, 2 * pi * orbit.radius / orbit.speed
     allowed = drift_allowed(mission)
     kept = drift_with_loop_margin(mission, allowed)
-    most = max(allowed if kept is None else kept, 0.0)
     still = holds_ground_speed(mission)
+    most = None if still else max(allowed if kept is None else kept, 0.0)
     wind = 0.0 if still else site.strongest
     banked = mission.file.vehicle.kind != "rover"
     # A vehicle that slips in turns needs more bank than a coordinated turn.
     bank = degrees(atan(orbit.speed**2 / (orbit.radius * GRAVITY * gain))) if banked else None
     failing = [line.subject for line in check_mission(mission) if line.grade is not PASS and line.subject in JUDGED]
-    if most < wind:
+    if most is not None and most < wind:
         failing.append("wind")
     survey = site.laps * lap
     way = settling_time(min(5 * orbit.radius, mission.max_range), orbit.speed, orbit.radius, able)
@@ -136,7 +137,7 @@ def recommended(found: Sequence[Candidate]) -> tuple[Candidate, str]:
     sound = [one for one in found if one.sound]
     if sound:
         best = min(sound, key=lambda one: one.lap)
-        return best, "the shortest lap that passes every check and leaves room for wind and gusts"
+        return best, "the shortest lap that passes every check in this wind and its gusts"
     best = min(found, key=lambda one: (len(one.problems), one.lap))
     return best, f"no circle passes every check; this one has the fewest warnings ({', '.join(best.problems)})"
 

@@ -24,7 +24,7 @@ from circnav_mav.mission.mission import Mission
 from circnav_mav.runlog.atomic_write import write_text
 
 GUST_SHARE = 0.15
-"""Default turbulence as a share of the wind: about that of MIL-F-8785C at 100 m above flat ground."""
+"""Default turbulence as a share of the wind. MIL-F-8785C gives 0.14 at a height of 100 m."""
 
 
 def print_plan(
@@ -45,6 +45,8 @@ def print_plan(
     for line in table(start, site, found, best):
         say(line)
     say(f"Recommended: {best.radius:g} m at {best.speed:g} m/s: {reason}.")
+    if holds_ground_speed(start):
+        say("The autopilot holds the speed over the ground: only its lean or drive limits the wind.")
     if picture is not None:
         from circnav_mav.extras.plan.picture import plot_plan
 
@@ -94,11 +96,12 @@ def table(start: Mission, site: Site, found: list[Candidate], best: Candidate) -
     yield f"       m     s   deg  deg/s     %      m/s     m      m     min  after {site.laps:g} laps"
     for one in found:
         bank = "-" if one.bank is None else f"{one.bank:.0f}"
+        most = "-" if one.most_wind is None else f"{one.most_wind:.1f}"
         place = "-" if one.place is None else f"{one.place:.2f}"
         checks = ("WARN " + ", ".join(one.problems)) if one.problems else "pass"
         yield (
             f"{'>' if one is best else ' '} {one.radius:6g} {one.lap:5.0f} {bank:>5} {one.turn:6.1f} "
-            f"{100 * one.used:5.0f} {one.most_wind:8.1f} {one.rms:5.2f} {place:>6} {one.flight / 60:7.1f}  {checks}"
+            f"{100 * one.used:5.0f} {most:>8} {one.rms:5.2f} {place:>6} {one.flight / 60:7.1f}  {checks}"
         )
 
 

@@ -31,8 +31,11 @@ def plot_plan(path: Path, found: Sequence[Candidate], best: Candidate, site: Sit
         circles.legend(loc="upper right", fontsize=8)
         radius = [one.radius for one in found]
         wind, error, bank = [figure.add_subplot(grid[row, 1]) for row in range(3)]
-        wind.plot(radius, [one.most_wind for one in found], "o-", color=ESTIMATE, label="largest flyable wind, m/s")
-        wind.axhline(site.strongest, ls=":", color=LIMIT, label="wind and gusts of the site")
+        winds = [np.nan if one.most_wind is None else one.most_wind for one in found]
+        if not np.isnan(winds).any():
+            wind.plot(radius, winds, "o-", color=ESTIMATE, label="largest flyable wind, m/s")
+            wind.axhline(site.strongest, ls=":", color=LIMIT, label="wind and gusts of the site")
+        wind.plot(radius, [one.lap for one in found], "s-", color=TRUE, label="lap, s")
         error.plot(radius, [one.rms for one in found], "o-", color=ESTIMATE, label="radius RMS, m")
         places = [np.nan if one.place is None else one.place for one in found]
         error.plot(radius, places, "s-", color=TRUE, label="beacon's place, m")

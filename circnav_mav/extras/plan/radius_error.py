@@ -29,8 +29,8 @@ m, copter 0.064 m, rover 0.049 m flown with ranges of 0.5 m at 10 Hz, within 4 %
 SEEN = 0.6
 """Share of a gust that remains, because the accelerometers measure its onset. Fitted: 0.578 m flown in 1.5 m/s."""
 CARRIED = 0.15
-"""Share of a gust that displaces a vehicle whose autopilot holds its speed over the ground. Estimated from the drag of
-a copter (0.185 1/s) and the time in which its autopilot compensates (1 to 2 s)."""
+"""Share of a gust that displaces a copter whose autopilot holds its speed over the ground. Estimated from the drag of
+the vehicle (0.185 1/s) and the time in which its autopilot compensates (1 to 2 s)."""
 
 
 def radius_rms(mission: Mission, gust: float) -> float:
@@ -39,7 +39,8 @@ def radius_rms(mission: Mission, gust: float) -> float:
     holds_ground_speed = any(one.ground_speed_sigma is not None for one in mission.vehicles)
     late = MEASUREMENT_DELAY if any(one.banks for one in mission.vehicles) else 0.0
     gains = drift_gains(orbit.speed, delay + LINK + late, 1 / max(delay, 1e-3))
-    gust *= CARRIED if holds_ground_speed else SEEN
+    rolls = mission.file.vehicle.kind == "rover"
+    gust *= 0.0 if rolls else CARRIED if holds_ground_speed else SEEN
     return linear_rms(
         noise=ranging.sigma_m**2 / ranging.rate_hz,
         gust=float(np.hypot(gust, UNSTEADY * orbit.speed)),

@@ -18,10 +18,13 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from math import hypot
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from circnav_mav.extras.locate.forecast import survey_sigma
 from circnav_mav.extras.locate.place import Place
+from circnav_mav.extras.plan.radius_error import radius_rms
 from circnav_mav.mav.check_result import PASS
 from circnav_mav.mission.checks import check_mission, drift_allowed
 from circnav_mav.mission.load import MissionError, load_mission
@@ -34,9 +37,11 @@ WINDOW, SETTLING = 240.0, 60.0
 STRICT = ("turn rate", "drift", "margin", "range rate", "sampling", "gain")
 """Check lines that must pass."""
 WITHIN = 0.3
+"""Largest error of the plan, as a share of its figure."""
 SPEEDS = {"arduplane": (15.0, 27.0), "arducopter": (3.0, 8.0), "ardurover": (1.5, 5.0)}
 SHARES = {"arduplane": 0.45, "arducopter": 0.4, "ardurover": 0.15}
 MOST_TRIED = 200
+"""Draws of a mission before the program gives up."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +133,7 @@ def _on_circle(flown: Surveyed, radius: float) -> bool:
     return all(abs(hypot(t.north - t.target_north, t.east - t.target_east) / radius - 1) < 0.1 for t in late)
 
 
-def lines_of(path: Path) -> list[dict[str, object]]:
+def lines_of(path: Path) -> list[dict[str, Any]]:
     """Return the flights in a file."""
     return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
 
@@ -136,7 +141,7 @@ def lines_of(path: Path) -> list[dict[str, object]]:
 def fly_all(path: Path, numbers: Iterator[int], seconds: float) -> None:
     """Fly missions that are not in the file until the time is over."""
     until = time.monotonic() + seconds
-    done = {line["drawn"]["number"] for line in lines_of(path)}  # type: ignore[index]
+    done = {line["drawn"]["number"] for line in lines_of(path)}
     for number in numbers:
         if number in done:
             continue
@@ -150,6 +155,41 @@ def fly_all(path: Path, numbers: Iterator[int], seconds: float) -> None:
         print(line, flush=True)
 
 
+def planned(drawn: Drawn) -> tuple[float, float | None]:
+    """Return the planned radius RMS and standard deviation of the place, m."""
+    mission = drawn.mission()
+    return radius_rms(mission, drawn.gust), survey_sigma(mission, WINDOW)
+
+
+def compare(path: Path) -> None:
+    """Print a line per flight, and the shares within WITHIN of the plan."""
+    rms, survey, errors = [], [], []
+    print(
+        "number vehicle    V m/s  radius  wind  gust sigma  rate | RMS planned flown ratio | place planned stated error"
+    )
+    for line in lines_of(path):
+        drawn = Drawn(**line["drawn"])
+        if line["ended"]:
+            print(f"{drawn.number:6} {drawn.vehicle}: ended: {line['ended']}")
+            rms.append(float("inf"))
+            continue
+        expected, sigma = planned(drawn)
+        found: dict[str, float] = line["survey"]
+        rms.append(float(line["rms"]) / expected)
+        survey.append(found["sigma"] / sigma if sigma and found else float("inf"))
+        errors.append(found["error"] / sigma if sigma and found else float("inf"))
+        conditions = f"{drawn.speed:5.1f} {drawn.radius:7.1f} {drawn.wind:5.1f} {drawn.gust:5.2f} {drawn.sigma:5.2f}"
+        radius = f"{expected:11.3f} {line['rms']:5.3f} {rms[-1]:5.2f}"
+        place = f"{sigma or 0:13.2f} {found.get('sigma', 0):6.2f} {found.get('error', 0):5.2f}"
+        print(f"{drawn.number:6} {drawn.vehicle:10} {conditions} {drawn.rate:5.0f} | {radius} | {place}")
+    for name, ratios in (("radius RMS", rms), ("stated sigma of the place", survey)):
+        inside = sum(1 - WITHIN <= one <= 1 + WITHIN for one in ratios)
+        print(
+            f"{name}: {inside} of {len(ratios)} within {100 * WITHIN:.0f} % of the plan, median {np.median(ratios):.2f}"
+        )
+    print(f"error of the place over the planned sigma: RMS {np.sqrt(np.mean(np.square(errors))):.2f} (1.41 expected)")
+
+
 def main() -> None:
     """Fly or compare."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -161,6 +201,8 @@ def main() -> None:
     options = parser.parse_args()
     if options.fly:
         fly_all(options.fly, iter(range(options.first, options.first + options.missions)), options.seconds)
+    if options.compare:
+        compare(options.compare)
 
 
 if __name__ == "__main__":
