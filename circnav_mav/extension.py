@@ -29,6 +29,8 @@ class Extension:
     onlooker: function from an `OnlookerSettings` to an `Onlooker`, or to None if this flight does not need one.
     report_section: function from a run folder to HTML for its report, empty for nothing.
     schemas: pydantic models of other files, by the names that `circnav schema` takes.
+    survey_forecast: function from a mission and the time on its circle (s) to the expected standard deviation of the
+        beacon's place, m, or None.
     files: names of the files that the extra writes into a run folder.
     order: place among the commands that `circnav --help` lists.
     """
@@ -44,6 +46,7 @@ class Extension:
     onlooker: str | None = None
     report_section: str | None = None
     schemas: Mapping[str, str] = field(default_factory=dict)
+    survey_forecast: str | None = None
     files: Sequence[str] = ()
     order: int = 100
 

@@ -133,7 +133,7 @@ def _radius(mission: Mission) -> Iterator[Check]:
 
 
 def _turn_rate(mission: Mission) -> Iterator[Check]:
-    orbit, gain = mission.orbit, _expected_gain(mission)
+    orbit, gain = mission.orbit, expected_turn_gain(mission)
     needed, able = abs(orbit.steady_turn_rate), gain * orbit.max_turn_rate
     slips = "" if gain == 1 else f": turn gain {gain:g} at a command of {degrees(orbit.max_turn_rate):.2f} deg/s"
     words = f"the circle needs {degrees(needed):.2f} deg/s of the vehicle's {degrees(able):.2f} deg/s"
@@ -144,7 +144,7 @@ def _turn_rate(mission: Mission) -> Iterator[Check]:
         yield Check(WARN, "turn rate", f"{words}, which is flown instead")
 
 
-def _expected_gain(mission: Mission) -> float:
+def expected_turn_gain(mission: Mission) -> float:
     """Return the smallest expected ratio of realized to commanded turn rate."""
     given = mission.file.vehicle.turn_gain
     return given if isinstance(given, float) else min((one.least_turn_gain for one in mission.vehicles), default=1.0)
@@ -154,12 +154,12 @@ def drift_allowed(mission: Mission) -> float:
     """Return the largest drift (wind minus target velocity), m/s, in which the circle can be held. Not positive if it
     cannot be held in still air."""
     orbit = mission.orbit
-    return tolerated_drift(orbit.speed, min(mission.radii), orbit.max_turn_rate * _expected_gain(mission))
+    return tolerated_drift(orbit.speed, min(mission.radii), orbit.max_turn_rate * expected_turn_gain(mission))
 
 
 def _drift(mission: Mission) -> Iterator[Check]:
     """Report the drift that the circle's geometry allows, and the time to reach the circle."""
-    orbit, gain, tolerated = mission.orbit, _expected_gain(mission), drift_allowed(mission)
+    orbit, gain, tolerated = mission.orbit, expected_turn_gain(mission), drift_allowed(mission)
     if tolerated > 0:
         rest = (
             ""
@@ -175,18 +175,34 @@ def _drift(mission: Mission) -> Iterator[Check]:
     yield Check(PASS, "settling", f"about {seconds:.0f} s {way}; laws on range alone may take twice as long")
 
 
+def drift_with_loop_margin(mission: Mission, most: float) -> float | None:
+    """Return the largest drift up to `most`, m/s, in which the turn loop keeps its margin; negative if it has none even
+    in still air. None for a law without this loop."""
+    orbit, allowed_drift, delay = mission.orbit, drift_allowed(mission), mission.file.vehicle.turn_lag_s
+    if mission.law.name not in DRIFT_LAWS or allowed_drift <= 0 or delay <= 0:
+        return None
+    return drift_with_margin(orbit.speed, orbit.radius, most, *_turn_loop(mission))
+
+
+def _design_drift(mission: Mission) -> float:
+    return min(drift_allowed(mission), DESIGN_DRIFT * mission.orbit.speed)
+
+
+def _turn_loop(mission: Mission) -> tuple[float, float, float]:
+    """Return delay (s), delay of the reported turn (s) and turn-rate limit (rad/s)."""
+    late = MEASUREMENT_DELAY if any(one.banks for one in mission.vehicles) else 0.0
+    return mission.file.vehicle.turn_lag_s, late, mission.orbit.max_turn_rate
+
+
 def _margin(mission: Mission) -> Iterator[Check]:
     """Check the stability margin of the drift law's turn loop in the wind that the geometry allows.
 
     In flight the law is tuned to the measured delay. Here vehicle.turn_lag_s is used instead.
     """
-    orbit, allowed_drift, delay = mission.orbit, drift_allowed(mission), mission.file.vehicle.turn_lag_s
-    if mission.law.name not in DRIFT_LAWS or allowed_drift <= 0 or delay <= 0:
+    kept = drift_with_loop_margin(mission, _design_drift(mission))
+    if kept is None:
         return
-    late = MEASUREMENT_DELAY if any(one.banks for one in mission.vehicles) else 0.0
-    V, r_d, loop = orbit.speed, orbit.radius, (delay, late, orbit.max_turn_rate)
-    wanted = min(allowed_drift, DESIGN_DRIFT * V)
-    kept = drift_with_margin(V, r_d, wanted, *loop)
+    V, r_d, wanted, delay = mission.orbit.speed, mission.orbit.radius, _design_drift(mission), _turn_loop(mission)[0]
     if kept >= wanted:
         words = (
             f"with a turn delay of {delay:g} s, the turn loop is stable in {kept:.1f} m/s of wind minus target motion"
@@ -195,7 +211,7 @@ def _margin(mission: Mission) -> Iterator[Check]:
         return
     until = f"in more than {kept:.1f} m/s of wind minus target motion" if kept > 0 else "even in still air"
     words = f"with a turn delay of {delay:g} s, the turn loop may oscillate on this circle {until}"
-    radius = radius_with_margin(V, r_d, wanted, *loop)
+    radius = radius_with_margin(V, r_d, wanted, *_turn_loop(mission))
     larger = f"a radius of {ceil(radius):g} m suffices for up to {wanted:.1f} m/s" if isfinite(radius) else "lower V"
     yield Check(WARN, "margin", f"{words}; {larger}")
 

@@ -1,12 +1,17 @@
 """`circnav params`: what it prints is what preflight asks for."""
 
+import struct
+
 import pytest
+from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.cli.bundled import bundled
 from circnav_mav.cli.params import parameter_lines
-from circnav_mav.mav.check_result import PASS
+from circnav_mav.mav.check_result import FAIL, PASS
 from circnav_mav.mission.load import load_mission
 from circnav_mav.mission.preflight import parameter_context
+from tests.pilot.test_preflight import Bench
+from tests.rig import Voice
 
 MISSIONS = ["arduplane", "arducopter", "ardurover", "px4_copter", "px4_plane", "px4_plane_attitude"]
 
@@ -25,6 +30,27 @@ def test_a_vehicle_with_the_printed_parameters_passes_preflight(name, change):
     context = parameter_context(mission, 1, values)
     checks = [rule.check(context) for rule in vehicle.parameters if rule.advised is not None]
     assert values and {check.grade for check in checks} == {PASS}
+
+
+def load(vehicle, lines, bytewise):
+    """Set the values as a ground station does that loads the file. PX4 carries the bytes of an integer in the float."""
+    for line in lines:
+        if line.startswith("#"):
+            continue
+        name, value, *kind = line.split("\t")[2:] if bytewise else line.split(",")
+        number, kind = float(value), int(kind[0]) if kind else mavlink.MAV_PARAM_TYPE_REAL32
+        if bytewise and kind == mavlink.MAV_PARAM_TYPE_INT32:
+            (number,) = struct.unpack("<f", struct.pack("<i", int(number)))
+        vehicle.receive(Voice(255, 190).say(mavlink.MAVLink_param_set_message(1, 1, name.encode(), number, kind)))
+
+
+@pytest.mark.parametrize("name", MISSIONS)
+def test_after_loading_the_file_the_emulated_vehicle_passes_preflight(name):
+    bench = Bench(name, "vehicle.speed_mps=14.5")
+    (vehicle,) = bench.mission.vehicles
+    load(bench.vehicle, parameter_lines(bench.mission, vehicle), vehicle.firmware.key == "px4")
+    lines = [line for line in bench.lines() if line.subject == "parameter"]
+    assert lines and [line for line in lines if line.grade is FAIL] == []
 
 
 def test_what_the_airframe_or_the_operator_decides_is_named_and_not_set():

@@ -17,6 +17,7 @@ EXTENSION = Extension(
     checks=["circnav_mav.extras.locate.settings:check_tables"],
     onlooker="circnav_mav.extras.locate.onlooker:open_onlooker",
     report_section="circnav_mav.extras.locate.report:report_section",
+    survey_forecast="circnav_mav.extras.locate.forecast:survey_sigma",
     files=[
         "handback.csv",
         "target.geojson",

@@ -1,0 +1,43 @@
+"""Expected accuracy of a survey, computed before the flight by the estimator of the flight."""
+
+from math import pi
+
+import numpy as np
+
+from circnav_mav.extras.locate.estimator import Knowledge, Ranges, Track, locate
+from circnav_mav.extras.locate.locator import HEIGHT_SIGMA, LocateSettings
+from circnav_mav.extras.locate.place import Place, Plane
+from circnav_mav.extras.locate.settings import tables_of
+from circnav_mav.mission.mission import Mission
+
+POSITION_PERIOD = 0.25
+"""Time between two positions, s, as requested in flight."""
+
+
+def survey_sigma(mission: Mission, seconds: float) -> float | None:
+    """Return the standard deviation per axis of the beacon's place after this time on the circle, m, or None if the
+    estimator cannot find it.
+
+    The estimator gets positions and ranges without errors. Its covariance then has the stated sigmas of GPS, height and
+    ranges only.
+    """
+    orbit, ranging = mission.orbit, mission.file.ranging
+    height = mission.file.orbit.height_above_target_m
+    lap = 2 * pi * orbit.radius / orbit.speed
+
+    def at(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        angle = 2 * pi * time / lap
+        return orbit.radius * np.cos(angle), orbit.radius * np.sin(angle)
+
+    positions, times = np.arange(0.0, seconds + 1.0, POSITION_PERIOD), np.arange(0.0, seconds, 1 / ranging.rate_hz)
+    track = Track(positions, *at(positions), np.full(positions.size, height or 0.0))
+    slant = np.full(times.size, float(np.hypot(orbit.radius, height or 0.0)))
+    ranges = Ranges(times, slant, np.full(times.size, ranging.sigma_m))
+    known = Knowledge(
+        up=0.0,
+        up_sigma=HEIGHT_SIGMA,
+        gps_sigma=tables_of(mission)[0].gps_sigma_m,
+        bias_sigma=LocateSettings(0).range_bias_sigma,
+    )
+    place = locate(Plane(0.0, 0.0), track, ranges, known)
+    return place.sigma if isinstance(place, Place) else None

@@ -1,0 +1,149 @@
+"""Candidate circles of a plan, each with the checks of a mission and its expected figures."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import atan, ceil, degrees, pi
+
+import numpy as np
+
+from circnav_mav.extension import extensions, load
+from circnav_mav.extras.plan.radius_error import radius_rms
+from circnav_mav.guidance.laws import settling_time
+from circnav_mav.mav.check_result import PASS, Grade
+from circnav_mav.mav.frames import GRAVITY
+from circnav_mav.mission.checks import (
+    TURN_USED,
+    check_mission,
+    drift_allowed,
+    drift_with_loop_margin,
+    expected_turn_gain,
+)
+from circnav_mav.mission.mission import Mission
+
+CIRCLES = 6
+"""Number of candidates; chosen."""
+WIDEST = 4.0
+"""Largest candidate in units of the smallest, if the site does not limit it."""
+GUSTS = 2.0
+"""Gusts, in standard deviations, that are added to the wind."""
+JUDGED = frozenset({"gain", "turn rate", "drift", "margin", "reach", "height", "range rate", "sampling", "damping"})
+"""Check lines that depend on the circle or the radio."""
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """Conditions of a plan. smallest, largest: radii, m. wind, gusts (RMS per axis): m/s. laps: of the survey."""
+
+    smallest: float
+    largest: float
+    wind: float
+    gusts: float
+    laps: float
+
+    @property
+    def strongest(self) -> float:
+        """Wind with gusts, m/s."""
+        return self.wind + GUSTS * self.gusts
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A circle. bank: mean bank or lean, deg, None for a rover. turn: turn rate in still air, deg/s. used: share of the
+    vehicle's turn rate at the most downwind point. most_wind: m/s, None if the autopilot compensates the wind. lap,
+    flight: s. rms, place: m; place is None without a survey. problems: subjects of check lines that do not pass.
+    """
+
+    radius: float
+    speed: float
+    bank: float | None
+    turn: float
+    used: float
+    most_wind: float | None
+    lap: float
+    flight: float
+    rms: float
+    place: float | None
+    problems: tuple[str, ...]
+
+    @property
+    def sound(self) -> bool:
+        return not self.problems
+
+
+def smallest_radius(mission: Mission, wind: float) -> float:
+    """Return the smallest radius by turn rate and wind, m: V/r within TURN_USED of the turn rate, and the circle is
+    flyable in this wind."""
+    orbit = mission.orbit
+    able = orbit.max_turn_rate * expected_turn_gain(mission)
+    return max(orbit.speed / (TURN_USED * able), (orbit.speed + wind) ** 2 / (orbit.speed * able))
+
+
+def radii(least: float, site: Site) -> Sequence[float]:
+    """Return the radii of the candidates, rounded up to meters."""
+    low = max(least, site.smallest)
+    high = min(site.largest, ceil(WIDEST * low))
+    # The smallest radius that fits is kept even if it is rounded beyond the largest one.
+    return sorted({min(float(ceil(one)), high) for one in np.geomspace(low, max(high, low), CIRCLES)})
+
+
+def candidate(mission: Mission, site: Site) -> Candidate:
+    """Return the figures of the mission's first circle."""
+    orbit, gain = mission.orbit, expected_turn_gain(mission)
+    able, lap = orbit.max_turn_rate * gain, 2 * pi * orbit.radius / orbit.speed
+    allowed = drift_allowed(mission)
+    kept = drift_with_loop_margin(mission, allowed)
+    still = holds_ground_speed(mission)
+    most = None if still else max(allowed if kept is None else kept, 0.0)
+    wind = 0.0 if still else site.strongest
+    banked = mission.file.vehicle.kind != "rover"
+    # A vehicle that slips in turns needs more bank than a coordinated turn.
+    bank = degrees(atan(orbit.speed**2 / (orbit.radius * GRAVITY * gain))) if banked else None
+    failing = [line.subject for line in check_mission(mission) if line.grade is not PASS and line.subject in JUDGED]
+    if most is not None and most < wind:
+        failing.append("wind")
+    survey = site.laps * lap
+    way = settling_time(min(5 * orbit.radius, mission.max_range), orbit.speed, orbit.radius, able)
+    return Candidate(
+        radius=orbit.radius,
+        speed=orbit.speed,
+        bank=bank,
+        turn=degrees(abs(orbit.steady_turn_rate)),
+        used=(orbit.speed + wind) ** 2 / (orbit.speed * orbit.radius * able),
+        most_wind=most,
+        lap=lap,
+        flight=way + survey,
+        rms=radius_rms(mission, site.gusts),
+        place=survey_sigma(mission, survey),
+        problems=tuple(dict.fromkeys(failing)),
+    )
+
+
+def holds_ground_speed(mission: Mission) -> bool:
+    """True if the autopilot compensates the wind, as ArduPilot's copters and rovers do."""
+    return any(one.ground_speed_sigma is not None for one in mission.vehicles)
+
+
+def survey_sigma(mission: Mission, seconds: float) -> float | None:
+    """Return the expected standard deviation of the beacon's place, m, if an extra computes it."""
+    forecasts = (one.survey_forecast for one in extensions() if one.survey_forecast is not None)
+    for reference in forecasts:
+        sigma: float | None = load(reference)(mission, seconds)
+        return sigma
+    return None
+
+
+def recommended(found: Sequence[Candidate]) -> tuple[Candidate, str]:
+    """Return the recommended circle and the reason: the shortest lap that passes all checks."""
+    sound = [one for one in found if one.sound]
+    if sound:
+        best = min(sound, key=lambda one: one.lap)
+        return best, "the shortest lap that passes every check in this wind and its gusts"
+    best = min(found, key=lambda one: (len(one.problems), one.lap))
+    return best, f"no circle passes every check; this one has the fewest warnings ({', '.join(best.problems)})"
+
+
+def fails(mission: Mission) -> Iterator[str]:
+    """Yield the failing check lines of a mission."""
+    for line in check_mission(mission):
+        if line.grade is Grade.FAIL:
+            yield f"{line.subject}: {line.says}"

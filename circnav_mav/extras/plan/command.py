@@ -1,0 +1,124 @@
+"""`circnav plan`: reads the options, prints the table, writes picture and mission."""
+
+import os
+from collections.abc import Iterator
+from math import inf
+from pathlib import Path
+
+from circnav_mav.cli.bundled import bundled
+from circnav_mav.cli.check import read_mission
+from circnav_mav.cli.exits import Exit, Refused, refusing, say
+from circnav_mav.cli.init import write_mission
+from circnav_mav.extras.plan.candidates import (
+    Candidate,
+    Site,
+    candidate,
+    fails,
+    holds_ground_speed,
+    radii,
+    recommended,
+    smallest_radius,
+)
+from circnav_mav.mission.load import load_mission
+from circnav_mav.mission.mission import Mission
+from circnav_mav.runlog.atomic_write import write_text
+
+GUST_SHARE = 0.15
+"""Default turbulence as a share of the wind. MIL-F-8785C gives 0.14 at a height of 100 m."""
+
+
+def print_plan(
+    path: str, speed: float | None, largest: float | None, smallest: float | None, height: float | None, wind: float,
+    gusts: float | None, sigma: float | None, rate: float | None, laps: float, picture: str | None,
+    mission: str | None,
+) -> int:  # fmt: skip
+    """Print the table and write the files. Raises Refused."""
+    if mission is not None and os.path.lexists(mission):
+        raise Refused(f"--write {mission}: is there already, name another file")
+    changes = list(_changes(speed, height, sigma, rate))
+    start = read_mission(path, tuple(changes))
+    site = Site(smallest or 1.0, largest or inf, wind, GUST_SHARE * wind if gusts is None else gusts, laps)
+    found = [candidate(_with_radius(path, changes, radius), site) for radius in _radii(start, site)]
+    best, reason = recommended(found)
+    if (words := next(fails(_with_radius(path, changes, best.radius)), None)) is not None:
+        raise Refused(f"plan {path}: no circle can be flown: {words}")
+    for line in table(start, site, found, best):
+        say(line)
+    say(f"Recommended: {best.radius:g} m at {best.speed:g} m/s: {reason}.")
+    if holds_ground_speed(start):
+        say("The autopilot holds the speed over the ground: only its lean or drive limits the wind.")
+    if picture is not None:
+        from circnav_mav.extras.plan.picture import plot_plan
+
+        with refusing(picture):
+            plot_plan(Path(picture), found, best, site, f"{start.file.name}: wind {wind:g} m/s")
+        say(f"{picture}: the circles as a picture")
+    if mission is not None:
+        _write(path, [*changes, f"orbit.radius_m={best.radius!r}"], start, site, mission)
+    return Exit.DONE
+
+
+def _changes(speed: float | None, height: float | None, sigma: float | None, rate: float | None) -> Iterator[str]:
+    """Yield the options as overrides of the mission."""
+    keys = {"vehicle.speed_mps": speed, "orbit.height_above_target_m": height, "ranging.sigma_m": sigma,
+            "ranging.rate_hz": rate}  # fmt: skip
+    yield from (f"{key}={float(value)!r}" for key, value in keys.items() if value is not None)
+
+
+def _with_radius(path: str, changes: list[str], radius: float) -> Mission:
+    return read_mission(path, (*changes, f"orbit.radius_m={radius!r}"))
+
+
+def _radii(start: Mission, site: Site) -> list[float]:
+    """Return the radii to try. Raises Refused if none fits the site."""
+    wind = 0.0 if holds_ground_speed(start) else site.strongest
+    V, least = start.orbit.speed, smallest_radius(start, wind)
+    if site.smallest > site.largest:
+        raise Refused(f"plan: --smallest {site.smallest:g} m is larger than --largest {site.largest:g} m")
+    if wind >= V:
+        raise Refused(f"plan: {wind:.1f} m/s of wind with gusts reach the speed of {V:g} m/s: fly faster")
+    if least > site.largest:
+        raise Refused(
+            f"plan: --largest {site.largest:g} m is too small: at {V:g} m/s in {wind:.1f} m/s of wind with gusts the "
+            f"smallest circle is {least:.0f} m: lower --speed or more vehicle.max_bank_deg or max_turn_rate_deg_s"
+        )
+    return list(radii(least, site))
+
+
+def table(start: Mission, site: Site, found: list[Candidate], best: Candidate) -> Iterator[str]:
+    """Yield the lines of the table, at most 80 columns wide."""
+    ranging = start.file.ranging
+    yield (
+        f"{start.file.vehicle.kind} at {start.orbit.speed:g} m/s, wind {site.wind:g} m/s, gusts {site.gusts:.2g} m/s, "
+        f"ranges of {ranging.sigma_m:g} m at {ranging.rate_hz:g} Hz"
+    )
+    yield "  radius   lap  bank   turn  used  wind to   RMS  place  flight  checks"
+    yield f"       m     s   deg  deg/s     %      m/s     m      m     min  after {site.laps:g} laps"
+    for one in found:
+        bank = "-" if one.bank is None else f"{one.bank:.0f}"
+        most = "-" if one.most_wind is None else f"{one.most_wind:.1f}"
+        place = "-" if one.place is None else f"{one.place:.2f}"
+        checks = ("WARN " + ", ".join(one.problems)) if one.problems else "pass"
+        yield (
+            f"{'>' if one is best else ' '} {one.radius:6g} {one.lap:5.0f} {bank:>5} {one.turn:6.1f} "
+            f"{100 * one.used:5.0f} {most:>8} {one.rms:5.2f} {place:>6} {one.flight / 60:7.1f}  {checks}"
+        )
+
+
+def _write(path: str, changes: list[str], start: Mission, site: Site, target: str) -> None:
+    """Write a mission with the recommended circle: the commented file of `circnav init`, or the given file."""
+    if start.flies_sim and start.file.sim is not None:
+        ranging = start.file.ranging
+        changes += [
+            f"sim.wind.speed_mps={site.wind!r}", f"sim.wind.gust_rms_mps={site.gusts!r}",
+            f"sim.ranging.noise_m={ranging.sigma_m!r}", f"sim.ranging.rate_hz={ranging.rate_hz!r}",
+        ]  # fmt: skip
+        if any(one.cruises for one in start.vehicles):
+            changes.append(f"sim.vehicle.cruise_speed_mps={start.orbit.speed!r}")
+    source, name = Path(path), Path(path).stem
+    with refusing(target):
+        if bundled("mission", name) == source:
+            write_mission(name, target)
+            source = Path(target)
+        write_text(Path(target), load_mission(source, changes).text)
+    say(f"  circnav check {target}")

@@ -1,0 +1,17 @@
+"""The program that compares the plan with random flights: its missions pass their checks, and a number gives the same
+mission."""
+
+import pytest
+
+from circnav_mav.mav.check_result import FAIL
+from circnav_mav.mission.checks import check_mission
+from tests.tools.bench.bench_plan import draw, planned
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_a_drawn_mission_is_flyable_and_repeatable(number):
+    drawn = draw(number)
+    assert drawn == draw(number)
+    assert not [line for line in check_mission(drawn.mission()) if line.grade is FAIL]
+    rms, sigma = planned(drawn)
+    assert 0 < rms < 0.05 * drawn.radius and sigma is not None and 0.5 < sigma < 3.0

@@ -1,0 +1,65 @@
+"""`circnav plan`: its recommended mission passes `circnav check`, and an impossible site is refused."""
+
+import re
+
+import pytest
+
+from circnav_mav.cli.bundled import bundled
+from circnav_mav.extras.plan.radius_error import radius_rms
+from circnav_mav.mission.load import load_mission
+
+SITES = {
+    "plane": ("--wind", "6", "--largest", "300"),
+    "copter": ("--speed", "4", "--sigma", "0.1", "--rate", "20"),
+    "rover": ("--largest", "40"),
+    "px4-plane": ("--wind", "2"),
+    "px4-copter": ("--wind", "1"),
+}
+
+
+@pytest.mark.parametrize("vehicle", SITES)
+def test_the_recommended_mission_passes_check_and_the_table_fits_a_terminal(vehicle, circnav, tmp_path):
+    mission, picture = tmp_path / "my.toml", tmp_path / "plan.png"
+    ran = circnav("plan", vehicle, *SITES[vehicle], "--out", str(picture), "--write", str(mission))
+    assert ran.code == 0, ran.err
+    rows = [line for line in ran.out.splitlines() if re.match(r"[> ] +[\d.]+ +\d", line)]
+    assert len(rows) >= 2 and max(map(len, rows)) <= 80
+    (best,) = [line for line in rows if line.startswith(">")]
+    written = load_mission(mission)
+    assert written.orbit.radius == float(best.split()[1]) and best.endswith("pass")
+    checked = circnav("check", str(mission))
+    assert checked.code == 0 and "turn rate" in checked.out
+    assert not re.search(r"^WARN +(turn rate|margin|reach|height |range rate|sim)", checked.out, re.M), checked.out
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        (("--largest", "40"), "smallest circle is"),
+        (("--wind", "30"), "fly faster"),
+        (("--smallest", "300", "--largest", "200"), "larger than --largest"),
+    ],
+)
+def test_an_impossible_site_is_refused_in_one_line(options, words, circnav):
+    ran = circnav("plan", "plane", *options)
+    assert ran.code == 2 and words in ran.err and ran.err.count("\n") == 1
+
+
+def test_a_mission_that_exists_is_never_overwritten(circnav, tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text("mine")
+    assert circnav("plan", "rover", "--write", str(file)).code == 2
+    assert file.read_text() == "mine"
+
+
+@pytest.mark.parametrize("name, flown", [("arduplane", 0.162), ("arducopter", 0.064), ("ardurover", 0.049)])
+def test_the_expected_radius_error_in_calm_air_is_that_of_the_emulator(name, flown):
+    assert radius_rms(load_mission(bundled("mission", name)), 0.0) == pytest.approx(flown, rel=0.1)
+
+
+def test_noise_and_gusts_increase_the_expected_radius_error():
+    path = bundled("mission", "arduplane")
+    calm, noisy = load_mission(path), load_mission(path, ["ranging.sigma_m=2.0"])
+    assert radius_rms(calm, 0.0) < radius_rms(noisy, 0.0) < radius_rms(noisy, 1.0)
+    assert radius_rms(calm, 0.0) < radius_rms(calm, 0.5) < radius_rms(calm, 1.0)
