@@ -104,7 +104,7 @@ def test_the_printed_commands_run(page, circnav, undrawn, tmp_path, monkeypatch,
 
 @pytest.mark.parametrize(("page", "command"), KEPT, ids=lambda it: it if isinstance(it, str) else it.name)
 def test_a_printed_command_that_is_not_run_here_has_the_words_that_its_program_takes(page, command, circnav, tmp_path):
-    for name in ("my.toml", "vehicle.toml"):
+    for name in ("my.toml", "vehicle.toml", "home.toml"):
         (tmp_path / name).write_bytes((ROOT / "config" / "quickstart.toml").read_bytes())
     if command.startswith("circnav"):
         named, rest = cli, shlex.split(command)[1:]
