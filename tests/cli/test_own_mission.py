@@ -46,7 +46,7 @@ def test_init_overwrites_nothing(circnav, tmp_path):
     (tmp_path / "plane.toml").write_text("mine")
     (tmp_path / "mission.schema.json").write_text("mine too")
     line = circnav("init", "plane").refused
-    assert line == "init: plane.toml: is there already, name another file: circnav init plane FILE"
+    assert line == "init: plane.toml: exists already, name another file: circnav init plane FILE"
     assert circnav("init", "plane", "other.toml").done
     assert [(tmp_path / name).read_text() for name in ("plane.toml", "mission.schema.json")] == ["mine", "mine too"]
 
@@ -103,7 +103,7 @@ def runs(tmp_path) -> Path:
     folder = tmp_path / "runs"
     for name, days in (("young", 10), ("old", 40), ("noted", 50)):
         (folder / name).mkdir(parents=True)
-        for file in ("flight.tlog", "mission.toml", "ticks.csv", "turns.csv", "report.html"):
+        for file in ("flight.tlog", "mission.toml", "ticks.csv", "steps.csv", "report.html"):
             (folder / name / file).write_text("x" * 1000)
         os.utime(folder / name / "flight.tlog", (time.time() - 86400 * days,) * 2)
     (folder / "old" / "replay.png").write_text("made later")
@@ -120,10 +120,10 @@ KEPT = {"young", "noted", "precious", "link"}
 @pytest.mark.parametrize(
     ("options", "left", "says"),
     [
-        ("--keep 0", KEPT | {"old"}, "1 of 3 runs: older than 30d, without the newest 0: 0.0 MB\nNothing is deleted"),
+        ("--keep 0", KEPT | {"old"}, "1 of 3 runs: older than 30d, except the newest 0: 0.0 MB\nNothing is deleted"),
         ("--keep 0 --older-than 6w --yes", KEPT | {"old"}, "0 of 3 runs"),
         ("--keep 2 --older-than 1h --yes", KEPT | {"old"}, "0 of 3 runs"),
-        ("--keep 0 --older-than 30d --yes", KEPT, "noted   kept: notes.txt is not circnav's"),
+        ("--keep 0 --older-than 30d --yes", KEPT, "noted   kept: notes.txt is not a file of circnav"),
     ],
     ids=["without a yes", "by age in weeks", "the newest stay however old", "the old ones and nothing else"],
 )

@@ -75,6 +75,10 @@ class Flight:
     # the target
     start_range: float | None = _option(None, "of the target, m [2.5 radii]")
     start_bearing: float = _option(70.0, "degrees right of the nose")
+    target_at: tuple[float, float] | None = _option(
+        None, "the target, m north and east of where the vehicle was first seen, instead", nargs=2,
+        metavar=("NORTH", "EAST"),
+    )  # fmt: skip
     target_speed: float = _option(0.0, "m/s")
     target_course: float = _option(0.0, "degrees")
     target_height: float = _option(0.0, "m above home")

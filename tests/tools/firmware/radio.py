@@ -31,7 +31,7 @@ class Radio:
         here, bearing = bench.truth, bench.truth.yaw + radians(self._flight.start_bearing)
         self._began = here.time
         away = self._flight.start_range or FROM_OUTSIDE * self._flight.radius
-        self.stand(here.north + away * cos(bearing), here.east + away * sin(bearing))
+        self.stand(*self._flight.target_at or (here.north + away * cos(bearing), here.east + away * sin(bearing)))
 
     def stand(self, north: float, east: float) -> None:
         """Put the target's start there."""

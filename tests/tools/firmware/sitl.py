@@ -83,7 +83,7 @@ class ArduPilot(Firmware):
     def bring_up(self, bench: Bench) -> None:
         """Into the air, holding."""
         flight = self._flight
-        bench.until(lambda: bench.heard, 60, "no heartbeat")
+        bench.until(lambda: bench.received, 60, "no heartbeat")
         self._streams(bench)
         for one in self._chosen():
             name, value = one.split("=")
