@@ -1,4 +1,4 @@
-"""Does a plane without GPS come home to its beacon, 2 km away, and how long does it take?
+"""Flights home of a plane without GPS to its beacon, 2 km away: how many arrive, and how long they take.
 
     python -m tests.tools.bench.bench_home --seeds 1 100 [--out FILE] [--wind 0.33] [--set KEY=VALUE]
 
