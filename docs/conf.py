@@ -14,3 +14,5 @@ html_theme = "furo"
 html_title = "circnav"
 html_show_sphinx = False
 html_copy_source = False
+html_static_path = ["site.css"]
+html_css_files = ["site.css"]
