@@ -146,4 +146,4 @@ def fails(mission: Mission) -> Iterator[str]:
     """Yield the failing check lines of a mission."""
     for line in check_mission(mission):
         if line.grade is Grade.FAIL:
-            yield f"{line.subject}: {line.says}"
+            yield f"{line.subject}: {line.text}"
