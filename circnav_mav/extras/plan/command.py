@@ -28,19 +28,24 @@ GUST_SHARE = 0.15
 
 
 def print_plan(
-    path: str, speed: float | None, largest: float | None, smallest: float | None, height: float | None, wind: float,
-    gusts: float | None, sigma: float | None, rate: float | None, laps: float, picture: str | None,
+    path: str, speeds: tuple[float, ...], largest: float | None, smallest: float | None, height: float | None,
+    wind: float, gusts: float | None, sigma: float | None, rate: float | None, laps: float, picture: str | None,
     mission: str | None,
 ) -> int:  # fmt: skip
-    """Print the table and write the files. Raises Refused."""
+    """Print a table for each speed and write the files. Raises Refused."""
     if mission is not None and os.path.lexists(mission):
         raise Refused(f"--write {mission}: is there already, name another file")
-    changes = list(_changes(speed, height, sigma, rate))
-    start = read_mission(path, tuple(changes))
+    changes = list(_changes(height, sigma, rate))
     site = Site(smallest or 1.0, largest or inf, wind, GUST_SHARE * wind if gusts is None else gusts, laps)
-    found = [candidate(_with_radius(path, changes, radius), site) for radius in _radii(start, site)]
+    found: list[Candidate] = []
+    for speed in speeds or (read_mission(path, tuple(changes)).orbit.speed,):
+        at_speed = [*changes, f"vehicle.speed_mps={speed!r}"]
+        start = read_mission(path, tuple(at_speed))
+        found += [candidate(_with_radius(path, at_speed, radius), site) for radius in _radii(start, site)]
     best, reason = recommended(found)
-    if (words := next(fails(_with_radius(path, changes, best.radius)), None)) is not None:
+    changes.append(f"vehicle.speed_mps={best.speed!r}")
+    start = _with_radius(path, changes, best.radius)
+    if (words := next(fails(start), None)) is not None:
         raise Refused(f"plan {path}: no circle can be flown: {words}")
     for line in table(start, site, found, best):
         say(line)
@@ -58,10 +63,9 @@ def print_plan(
     return Exit.DONE
 
 
-def _changes(speed: float | None, height: float | None, sigma: float | None, rate: float | None) -> Iterator[str]:
+def _changes(height: float | None, sigma: float | None, rate: float | None) -> Iterator[str]:
     """Yield the options as overrides of the mission."""
-    keys = {"vehicle.speed_mps": speed, "orbit.height_above_target_m": height, "ranging.sigma_m": sigma,
-            "ranging.rate_hz": rate}  # fmt: skip
+    keys = {"orbit.height_above_target_m": height, "ranging.sigma_m": sigma, "ranging.rate_hz": rate}
     yield from (f"{key}={float(value)!r}" for key, value in keys.items() if value is not None)
 
 
@@ -87,22 +91,28 @@ def _radii(start: Mission, site: Site) -> list[float]:
 
 def table(start: Mission, site: Site, found: list[Candidate], best: Candidate) -> Iterator[str]:
     """Yield the lines of the table, at most 80 columns wide."""
-    ranging = start.file.ranging
-    yield (
-        f"{start.file.vehicle.kind} at {start.orbit.speed:g} m/s, wind {site.wind:g} m/s, gusts {site.gusts:.2g} m/s, "
-        f"ranges of {ranging.sigma_m:g} m at {ranging.rate_hz:g} Hz"
-    )
-    yield "  radius   lap  bank   turn  used  wind to   RMS  place  flight  checks"
-    yield f"       m     s   deg  deg/s     %      m/s     m      m     min  after {site.laps:g} laps"
+    ranging, speed = start.file.ranging, 0.0
     for one in found:
-        bank = "-" if one.bank is None else f"{one.bank:.0f}"
-        most = "-" if one.most_wind is None else f"{one.most_wind:.1f}"
-        place = "-" if one.place is None else f"{one.place:.2f}"
-        checks = ("WARN " + ", ".join(one.problems)) if one.problems else "pass"
-        yield (
-            f"{'>' if one is best else ' '} {one.radius:6g} {one.lap:5.0f} {bank:>5} {one.turn:6.1f} "
-            f"{100 * one.used:5.0f} {most:>8} {one.rms:5.2f} {place:>6} {one.flight / 60:7.1f}  {checks}"
-        )
+        if one.speed != speed:
+            speed = one.speed
+            yield (
+                f"{start.file.vehicle.kind} at {speed:g} m/s, wind {site.wind:g} m/s, gusts {site.gusts:.2g} m/s, "
+                f"ranges of {ranging.sigma_m:g} m at {ranging.rate_hz:g} Hz"
+            )
+            yield "  radius   lap  bank   turn  used  wind to   RMS  place  flight  checks"
+            yield f"       m     s   deg  deg/s     %      m/s     m      m     min  after {site.laps:g} laps"
+        yield _row(one, best)
+
+
+def _row(one: Candidate, best: Candidate) -> str:
+    bank = "-" if one.bank is None else f"{one.bank:.0f}"
+    most = "-" if one.most_wind is None else f"{one.most_wind:.1f}"
+    place = "-" if one.place is None else f"{one.place:.2f}"
+    checks = ("WARN " + ", ".join(one.problems)) if one.problems else "pass"
+    return (
+        f"{'>' if one is best else ' '} {one.radius:6g} {one.lap:5.0f} {bank:>5} {one.turn:6.1f} "
+        f"{100 * one.used:5.0f} {most:>8} {one.rms:5.2f} {place:>6} {one.flight / 60:7.1f}  {checks}"
+    )
 
 
 def _write(path: str, changes: list[str], start: Mission, site: Site, target: str) -> None:

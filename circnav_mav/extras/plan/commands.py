@@ -8,7 +8,8 @@ from circnav_mav.cli.describe import Finite, command
 
 @command("circnav_mav.extras.plan.command:print_plan", short_help="Choose radius and speed for a site and its wind.")
 @click.argument("path", metavar="VEHICLE", type=FileOrName("mission"))
-@click.option("--speed", type=Finite(0.1), metavar="M/S", help="Cruise speed. [default: the mission's]")
+@click.option("--speed", "speeds", type=Finite(0.1), metavar="M/S", multiple=True,
+              help="Cruise speed; may be repeated. [default: the mission's]")  # fmt: skip
 @click.option("--largest", type=Finite(1), metavar="M", help="Largest radius that fits the site.")
 @click.option("--smallest", type=Finite(1), metavar="M", help="Smallest radius that is allowed.")
 @click.option("--height", type=Finite(0), metavar="M", help="Height above the beacon. [default: the mission's]")

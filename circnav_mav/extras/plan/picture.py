@@ -12,13 +12,14 @@ from circnav_mav.report.plots import DESIRED, ESTIMATE, LIMIT, MEASURED, STYLE, 
 
 
 def plot_plan(path: Path, found: Sequence[Candidate], best: Candidate, site: Site, title: str) -> None:
-    """Draw the plan and write it as PNG. Raises OSError."""
+    """Draw the circles of the recommended speed and write a PNG. Raises OSError."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(11, 5.5), layout="constrained")
         figure.suptitle(literal(title))
         grid = figure.add_gridspec(3, 2, width_ratios=[1.1, 1])
         circles = figure.add_subplot(grid[:, 0])
         angle = np.linspace(0, 2 * np.pi, 361)
+        found = [one for one in found if one.speed == best.speed]
         for one in sorted(found, key=lambda one: one is best):
             color, width = (DESIRED, 2.5) if one is best else (MEASURED if one.sound else TRUE, 1.0)
             circles.plot(one.radius * np.cos(angle), one.radius * np.sin(angle), color=color, lw=width)

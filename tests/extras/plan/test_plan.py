@@ -10,7 +10,7 @@ from circnav_mav.mission.load import load_mission
 
 SITES = {
     "plane": ("--wind", "6", "--largest", "300"),
-    "copter": ("--speed", "4", "--sigma", "0.1", "--rate", "20"),
+    "copter": ("--speed", "4", "--speed", "6", "--sigma", "0.1", "--rate", "20"),
     "rover": ("--largest", "40"),
     "px4-plane": ("--wind", "2"),
     "px4-copter": ("--wind", "1"),
