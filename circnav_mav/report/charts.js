@@ -18,7 +18,7 @@ const Charts = (() => {
       { title: "turn rate, left positive", unit: "deg/s", levels: [["limit", f.limit * DEGREES, "limit"],
         ["", -f.limit * DEGREES, "limit"], ...circles("steady circle", radius => f.steady * DEGREES * f.radius / radius)],
         lines: [["true", "true_turn", "true", turn], [f.commanded ?? "commanded", "turn_rate", "estimate", turn]] },
-      { title: "drift: wind less target motion", unit: "m/s, towards", height: 130,
+      { title: "drift: wind minus target motion", unit: "m/s, towards", height: 130,
         lines: [["east", "drift_x", "estimate"], ["north", "drift_y", "north"]] },
       { title: "innovation", unit: "standard deviations", height: 130, shown: [0, 1.6 * f.gate],
         levels: [["gate", f.gate, "rejected"]], lines: [["of each new range", "innovation", "estimate", { dots: true }]] },
@@ -112,7 +112,7 @@ const Charts = (() => {
       if (v == null) pen = "M";
       else if (bars) path += v ? `M${at},${tall}V${px(y(v))}H${px(x(times[i + 1]))}V${tall}Z` : "";
       else if (!dots) { path += `${pen}${at},${px(y(v))}`; pen = "L"; }
-      else if (y(v) < 0 || y(v) > tall) beyond += y(v) < 0 ? `M${at},0l-3,5h6Z` : `M${at},${tall}l-3,-5h6Z`; // it points out of the frame
+      else if (y(v) < 0 || y(v) > tall) beyond += y(v) < 0 ? `M${at},0l-3,5h6Z` : `M${at},${tall}l-3,-5h6Z`; // points out of the frame
       else path += `M${at},${px(y(v))}h0`;
       if (times[i] > to) break; // one beyond either end, so that the line leaves the frame
     }
@@ -159,7 +159,7 @@ const Charts = (() => {
     const reach = 1.08 * here.reduce((most, way) => way.known.reduce((m, i) => Math.max(m, Math.abs(way.east[i]), Math.abs(way.north[i])), most), Math.max(...radii));
     const half = side / 2, scale = half / reach, length = nice(reach / 2), [main] = here;
     const place = (way, i) => [half + scale * way.east[i], half - scale * way.north[i]], point = (way, i) => place(way, i).map(px).join(",");
-    const whole = main.known[0] === 0 ? "" : " hollow"; // begins where the flight did, else where it was first known
+    const whole = main.known[0] === 0 ? "" : " hollow"; // filled at the start of the flight, hollow at the first estimate
     const parts = [`<rect width="${side}" height="${side}" class="plot"/>`,
       `<path d="M12,${side - 14}h${px(length * scale)}" class="axis"/><text x="12" y="${side - 20}">${length} m</text>`,
       `<path d="M${side - 18},34v-22l-5,9m5,-9l5,9" class="axis"/><text x="${side - 22}" y="48">N</text>`,
@@ -194,7 +194,7 @@ const Charts = (() => {
   function driftArrow([east, north], side) {
     const speed = Math.hypot(east, north), turn = Math.atan2(east, north) * DEGREES;
     const sign = speed < .05 ? "" : `<path d="M0,14V-14l-5,9m5,-9l5,9" transform="rotate(${px(turn)})" class="axis drift"/>`;
-    return `<g transform="translate(${side - 112},${side - 26})"><title>estimated drift: wind less target motion</title>${sign}`
+    return `<g transform="translate(${side - 112},${side - 26})"><title>estimated drift: wind minus target motion</title>${sign}`
       + `<text x="20" y="4">drift ${speed.toFixed(1)} m/s</text></g>`;
   }
 

@@ -79,7 +79,7 @@ class Onlooker:
 
 @dataclass(frozen=True, slots=True)
 class OnlookerSettings:
-    """Inputs of an onlooker. options: those of `circnav fly`, by name. others: all onlookers of the flight."""
+    """Inputs of an onlooker. options: of `circnav fly`, by name. others: all onlookers of the flight."""
 
     mission: Mission
     pilot: Pilot

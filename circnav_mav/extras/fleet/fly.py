@@ -39,15 +39,15 @@ def fly_fleet(
     """Fly, print the table of the fleet, and return the exit code. Raises Refused."""
     for name, value in (("--endpoint", endpoint), ("--speed", speed)):
         if value is not None:
-            raise Refused(f"{name}: --fleet flies the bundled vehicle as fast as possible, leave it out")
+            raise Refused(f"{name}: not with --fleet, which flies the bundled vehicle as fast as possible: omit it")
     if dry_run or shadow:
-        raise Refused("--dry-run, --shadow: --fleet flies the bundled vehicles, leave it out")
+        raise Refused("--dry-run, --shadow: cannot be used with --fleet, which flies the bundled vehicles: omit it")
     outlive_terminal()
     stop = StopRequest()
     given = (*overrides, *([f"limits.duration_s={duration}"] if duration is not None else []))
     missions = [read_mission(path, tuple(member_overrides(path, i + 1, given, fleet))) for i in range(fleet)]
     if not missions[0].flies_sim:
-        raise Refused(f"{path}: --fleet flies the bundled vehicle, link.endpoint is not sim")
+        raise Refused(f"{path}: --fleet flies the bundled vehicle: set link.endpoint to sim")
     refuse_failing(path, missions[0], shown=[Grade.WARN])
     folder = _fleet_folder(out, Path(path).stem)
     seed = (missions[0].file.sim or {}).get("seed", 0)
@@ -183,10 +183,11 @@ def _show(flight: FleetFlight, found: FleetFigures, folder: Path) -> None:
     say(f"  worst gap   {shown(found.worst_gap_deg, 'deg rms')}")
     radius = "unknown: never all on the circle"
     if found.radius_rms_m is not None and found.radius_spread_m is not None:
-        radius = f"{found.radius_rms_m:.1f} m rms, {found.radius_spread_m:.1f} m about the mean of each member"
+        radius = f"{found.radius_rms_m:.1f} m rms, {found.radius_spread_m:.1f} m around the mean of each member"
     say(f"  radius      {radius}")
-    nearest = f"{shown(found.smallest_horizontal_m, 'm')} beside, {shown(found.smallest_vertical_m, 'm')} above"
-    say(f"  separation  {nearest}; too near (10 m above, 25 m beside): {found.too_near} pairs")
+    flat, up = shown(found.smallest_horizontal_m, "m"), shown(found.smallest_vertical_m, "m")
+    say(f"  separation  {flat} horizontally, {up} vertically")
+    say(f"  too near    {found.too_near} pairs (within 10 m vertically and 25 m horizontally)")
     say("  member  end                          alarms  reports accepted, rejected")
     for member in flight.members:
         outcome, link = member.pilot.mission.outcome, member.carrier.summary()

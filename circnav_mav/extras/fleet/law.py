@@ -104,7 +104,7 @@ class SpacingSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class Own:
+class OwnState:
     """Own state at one time. phase, phase_sigma: temporal phase, rad; None if unknown. range: m. shares_layer: True if
     a member with priority is in the same height layer."""
 
@@ -166,7 +166,7 @@ class Spacing:
             for member, report in sure.items()
         }
 
-    def step(self, now: float, own: Own) -> Adjustment:
+    def step(self, now: float, own: OwnState) -> Adjustment:
         """Return the adjustment to fly now."""
         dt = 0.0 if self._before is None else min(max(now - self._before, 0.0), 1.0)
         self._before = now
@@ -188,7 +188,7 @@ class Spacing:
         self._integrate(dt, alone=not others)
         return self._adjustment(state, counted, own)
 
-    def _state(self, now: float, own: Own, others: Mapping[int, float]) -> State:
+    def _state(self, now: float, own: OwnState, others: Mapping[int, float]) -> State:
         """Return the own state. Enter the circle if there is room."""
         settings = self.settings
         if own.leaving:
@@ -240,7 +240,7 @@ class Spacing:
     def _decay(self, dt: float, time: float) -> None:
         self.trim *= exp(-dt / time)
 
-    def _adjustment(self, state: State, counted: dict[int, float], own: Own) -> Adjustment:
+    def _adjustment(self, state: State, counted: dict[int, float], own: OwnState) -> Adjustment:
         """Return the change of speed or radius for the error. The integral changes the speed if it can be commanded."""
         assert self._error is not None
         settings, most = self.settings, self.settings.most

@@ -29,9 +29,11 @@ def refuse_taken(mission: Mission, table: FleetTable) -> None:
     """Receive reports for a moment. Raises Refused if another member has the own id or is in the own height layer."""
     newest, rejected, _ = _listen(table, LISTEN_AT_START)
     # Other problems do not prevent the start: one member with a wrong clock would otherwise ground all others.
-    relevant = {reason: count for reason, count in rejected.items() if reason is Rejection.SAME_ID}
+    relevant: dict[Rejection, int] = {
+        reason: count for reason, count in rejected.items() if reason is Rejection.SAME_ID
+    }
     checks = judge_fleet(mission, table, newest, relevant, [])
-    if failed := [check.says for check in checks if check.grade is FAIL]:
+    if failed := [check.text for check in checks if check.grade is FAIL]:
         raise Refused(f"fleet: {'; '.join(failed)}")
 
 
@@ -63,7 +65,7 @@ def judge_fleet(
     for line in problems:
         yield Check(FAIL if fatal else WARN, "fleet link", line.removeprefix("fleet link: "))
     if rejected.get(Rejection.SAME_ID) and not problems:
-        yield Check(FAIL, "fleet link", f"the id {table.id} is taken: give each member an id of its own")
+        yield Check(FAIL, "fleet link", f"the id {table.id} is in use: give each member another id")
     heights = {member: report.height for member, report in newest.items()}
     own = mission.file.orbit.height_above_target_m
     heights[table.id or 0] = inf if own is None else own

@@ -15,7 +15,7 @@ import numpy as np
 from circnav_mav.cli.exits import Refused
 from circnav_mav.extras.fleet.carrier import MULTICAST, FleetLink, FrameCarrier, open_carrier
 from circnav_mav.extras.fleet.evenness import even_from, gap_error, rms
-from circnav_mav.extras.fleet.law import Adjustment, Own, Spacing
+from circnav_mav.extras.fleet.law import Adjustment, OwnState, Spacing
 from circnav_mav.extras.fleet.limits import spacing_settings
 from circnav_mav.extras.fleet.phase import LAP, Drift, PhaseMap, circle_angle, intersected
 from circnav_mav.extras.fleet.report import MemberReport, State
@@ -102,7 +102,7 @@ class FleetOnlooker(Onlooker):
         self._map: PhaseMap | None = None
         self._map_at = self._stepped_at = float("-inf")
         self._requested, self._requested_at = (0.0, 1.0), float("-inf")
-        self._own = Own(None, 0.0, nan)
+        self._own = OwnState(None, 0.0, nan)
         self._over_at: float | None = None
         self._now = 0.0
         self._log = io.StringIO()
@@ -257,7 +257,7 @@ class FleetOnlooker(Onlooker):
         relative = estimate.relative if estimate is not None else None
         leaving, shares = self._leaves(now), self._shares_layer(now)
         if relative is None or not relative.trusted or not pilot.mission.steering or estimate is None:
-            self._own = Own(None, pi, nan if estimate is None else estimate.r, leaving, shares)
+            self._own = OwnState(None, pi, nan if estimate is None else estimate.r, leaving, shares)
             return
         self._follow(relative, now, dt)
         assert self._map is not None
@@ -265,7 +265,7 @@ class FleetOnlooker(Onlooker):
         # The estimate is valid at the pilot's last step. Extrapolate the phase to now.
         phase += LAP * (now - estimate.time) / self._lap_period()
         sigma = relative.sigma / max(estimate.r, 1.0) * rate
-        self._own = Own(phase % LAP, sigma, estimate.r, leaving, shares)
+        self._own = OwnState(phase % LAP, sigma, estimate.r, leaving, shares)
 
     def _follow(self, relative: RelativeMotion, now: float, dt: float) -> None:
         """Smooth the drift and the airspeed, and update the phase map every second."""

@@ -58,7 +58,14 @@ def _frame(axes: Axes, tracks: Tracks, index: int, *, is_first: bool) -> None:
         if max(map(abs, here)) < extent:
             axes.plot(*here, "o", color=_color(member), ms=9)
             axes.text(
-                *here, str(member + 1), color="white", fontsize=6.5, weight="bold", ha="center", va="center_baseline"
+                here[0],
+                here[1],
+                str(member + 1),
+                color="white",
+                fontsize=6.5,
+                weight="bold",
+                ha="center",
+                va="center_baseline",
             )
     if is_first:
         low = -0.93 * extent

@@ -13,14 +13,14 @@ MAGIC = b"\x89MCAP0\r\n"
 def export_run(folder: str, mcap: str | None) -> int:
     """Write the MCAP file, by default into the folder, and print its topics. Raises Refused."""
     if mcap is None:
-        raise Refused("export: name the output: --mcap")
+        raise Refused("export: name the output format: --mcap")
     path = Path(mcap) if mcap else Path(folder) / "flight.mcap"
     with refusing(path, RunError):
         _check_place(path)
         runs = _runs(Path(folder))
         for run in runs.values():
             if not len(run.ticks.time):
-                raise Refused(f"{run.folder}: an empty run without records", Exit.NOTHING_HEARD)
+                raise Refused(f"{run.folder}: an empty run without records", Exit.NOTHING_RECEIVED)
         try:
             from circnav_mav.extras.mcap.export import export_mcap
 

@@ -151,7 +151,7 @@ class Bench:
         return self.track[-1]
 
     @property
-    def heard(self) -> bool:
+    def received(self) -> bool:
         return "HEARTBEAT" in self.latest
 
     def send(self, message: Any, by: mavlink.MAVLink | None = None) -> None:
