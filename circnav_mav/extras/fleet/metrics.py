@@ -59,7 +59,8 @@ def gap_errors(tracks: Tracks) -> Array:
     """Return the largest gap error of the members on the circle at every sample, rad; nan for fewer than two."""
     pairs = zip(true_phases(tracks), tracks.state, strict=True)
     rings = (phases[[state is State.ON_CIRCLE for state in states]] for phases, states in pairs)
-    return np.array([gap_error(ring.tolist()) for ring in rings])
+    found: Array = np.array([gap_error(ring.tolist()) for ring in rings])
+    return found
 
 
 def figures(tracks: Tracks) -> FleetFigures:

@@ -62,7 +62,7 @@ ROWS = {
     "plane-6-wind": Row("arduplane", 6, (*PLANE, *WIND), loss=0.3),
     "plane-6-late": Row("arduplane", 6, (*PLANE, *WIND), loss=0.7, delay=0.4),
     "plane-6-leave": Row("arduplane", 6, PLANE, event="leave", duration=240.0),
-    "plane-6-join": Row("arduplane", 6, PLANE, event="join", duration=300.0),
+    "plane-6-join": Row("arduplane", 6, PLANE, event="join", duration=250.0),
     "copter-1": Row("arducopter", 1, COPTER, duration=150.0),
     "copter-4": Row("arducopter", 4, COPTER),
 }
@@ -89,8 +89,9 @@ def fly(row: Row, seed: int) -> dict[str, Any]:
             found.append(f"sim.vehicle.cruise_speed_mps={15.0 * speeds[member - 1]:.3f}")
         if row.event == "leave" and member == LEAVER:
             found.append("limits.duration_s=150")
-        if row.event == "join" and member == JOINER:  # from far away it comes two minutes later
-            found += ["sim.start.north_m=1900", "sim.start.east_m=-900", "sim.ranging.max_range_m=4000"]
+        if row.event == "join" and member == JOINER:  # it waits for its first range
+            muted = '{at_s=0.0, action="mute_ranging"}, {at_s=110.0, action="unmute_ranging"}'
+            found += [f"sim.events=[{muted}]", "limits.wait_s=200", f"limits.duration_s={row.duration - 100}"]
         return found
 
     overrides = (*row.overrides, f"limits.duration_s={row.duration}", f"sim.seed={seed}")

@@ -15,6 +15,7 @@ import argparse
 import csv
 import json
 import secrets
+import signal
 import subprocess
 import sys
 import time
@@ -268,6 +269,7 @@ def main(arguments: list[str] | None = None) -> int:
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
     out = (given.out or Path("runs") / "firmware" / f"{stamp}-{given.vehicle}-fleet").resolve()
     given.rest += ["--direction", given.direction]
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     if not given.judge:
         out.mkdir(parents=True, exist_ok=True)
         fly(given, out)
