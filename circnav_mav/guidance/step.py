@@ -131,7 +131,7 @@ class Handover(NamedTuple):
     """State of the handover between laws. flies: the law that steered last; -1: none. most_likely: number of the
     hypothesis flown last; -1: none. command: last command, rad/s. offset: decaying rest of the last change, rad/s.
     untrusted: time since the target position was last trusted, s. about: side of the turn during a departure, +1 left,
-    else 0."""
+    else 0. searched: duration of the present search, s."""
 
     flies: Array = -1
     most_likely: Array = -1
@@ -139,6 +139,7 @@ class Handover(NamedTuple):
     offset: Array = 0.0
     untrusted: Array = 0.0
     about: Array = 0.0
+    searched: Array = 0.0
 
 
 AT_START = Handover()
@@ -169,7 +170,8 @@ def next_handover(
     wanted = wanted + leaves * (about * limit - wanted)
     changed = (before.flies >= 0) & ((flies != before.flies) | (on_trial != before.most_likely))
     offset = where(changed, before.command - wanted, before.offset * exp(-dt / FADE))
-    return Handover(flies, on_trial, clip(wanted + offset, -limit, limit), offset, untrusted, about)
+    searched = where(trusted, 0.0, before.searched + dt)
+    return Handover(flies, on_trial, clip(wanted + offset, -limit, limit), offset, untrusted, about, searched)
 
 
 class StepState(NamedTuple):
@@ -212,8 +214,11 @@ def _with_relative_motion(
         drift_y = where(follows, drift_y + share * (relative.drift_y - drift_y), relative.drift_y)
         change = (relative.drift_x - drift_x) / CHANGE_TIME, (relative.drift_y - drift_y) / CHANGE_TIME
         (by_drift, offset), trusted = _by_drift(settings, relative, change, inputs), relative.trusted
+    # Without relative motion there is no search: a vehicle that does not follow its commands for a minute has no known
+    # path. Its search begins when it follows again.
+    last = before.handover if relative is not None else before.handover._replace(searched=0.0)
     handover = next_handover(
-        before.handover, dt, trusted=trusted, most_likely=_tried(before.handover, settings, inputs),
+        last, dt, trusted=trusted, most_likely=_tried(last, settings, inputs),
         by_range=by_range, drift_turn=by_drift, limit=settings.limit, leaves=_leaves(settings, inputs),
     )  # fmt: skip
     demanded = where(handover.flies == Flies.FEEDFORWARD, by_range, by_drift)
@@ -231,7 +236,7 @@ def _tried(before: Handover, settings: StepSettings, inputs: Inputs) -> Array:
         return -1
     near = magnitude(inputs.r - settings.r_d) < NEAR * settings.r_d
     circling = near & (magnitude(inputs.r_dot) < ALONG * settings.V)
-    patient = before.untrusted < CIRCLING_PATIENCE - SAME_TIME
+    patient = before.searched < CIRCLING_PATIENCE - SAME_TIME
     return where(relative.drift_remembered & circling & patient, -1, relative.trial)
 
 
