@@ -78,7 +78,7 @@ class CommandResult:
         return self.result is not None and not self.accepted
 
     @property
-    def said(self) -> str:
+    def answer(self) -> str:
         return "no answer" if self.result is None else RESULT_NAMES.get(self.result, f"result {self.result}")
 
 
@@ -203,7 +203,7 @@ def once(command: Command, target: Ids, confirmation: int = 0) -> Message:
 @dataclass(slots=True)
 class _Stream:
     wanted: float
-    heard: int = 0
+    received: int = 0
     ever: bool = False
     rate: float | None = None
     denied: bool = False
@@ -235,9 +235,9 @@ class StreamRequests:
             if stream.denied and not (self.by_group and ident in GROUPS and _flows(stream))
         ]
 
-    def heard(self, message_id: int) -> None:
+    def received(self, message_id: int) -> None:
         if message_id in self._streams:
-            self._streams[message_id].heard += 1
+            self._streams[message_id].received += 1
 
     def restart(self) -> None:
         """Request all streams again after a new link or a reboot."""
@@ -281,7 +281,7 @@ class StreamRequests:
             return []
         self._since, requests = now, []
         for message_id, stream in self._streams.items():
-            stream.rate, stream.heard, stream.ever = stream.heard / elapsed, 0, stream.ever or stream.heard > 0
+            stream.rate, stream.received, stream.ever = stream.received / elapsed, 0, stream.ever or stream.received > 0
             is_there = stream.ever or message_id not in self._maybe
             if stream.rate < LOW * stream.wanted and is_there and not stream.denied:
                 requests.append(_interval(message_id, stream.wanted))

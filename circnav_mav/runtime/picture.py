@@ -14,42 +14,42 @@ from circnav_mav.guidance.types import TurnRate
 from circnav_mav.mav.frames import yaw_rate_from_turn_rate
 from circnav_mav.pilot import PilotSettings, TickRecord
 from circnav_mav.pilot.mission_state import Phase
-from circnav_mav.runtime.status import SILENCED, Status, told
+from circnav_mav.runtime.status import SILENCED, Status, status_facts
 
 STYLES = {Phase.ENGAGED: "green", Phase.HOLDING: "yellow", Phase.YIELDED: "magenta", Phase.LEAVING: "cyan"}
 NARROWEST, WIDEST = 80, 160
 """Width limits of the picture, columns: the usual width of a terminal, and twice that."""
 BAR = 41
-"""Cells of a bar in the narrowest picture. Odd, so that there is a middle cell."""
+"""Cells of a bar in the narrowest picture. Odd, so that it has a middle cell."""
 CELLS, CELL = 40, 1.5
 """Cells of the sparkline in the narrowest picture, and the time that each covers, s."""
 ALARM, LABEL = "ALARM", 12
 """Label of an alarm, and width of all labels, columns."""
 MOST_ALARMS, MOST_REASONS = 3, 3
 """Alarms, and reasons for rejected ranges, that fit into the picture."""
-HOW_TO_STOP = "Ctrl-C ends the flight. Any other flight mode: circnav stops sending."
+HOW_TO_STOP = "Ctrl-C ends the flight. In any other flight mode, circnav stops sending."
 
 
 Row = tuple[str, str | Text]
 
 
 @dataclass(frozen=True, slots=True)
-class Signs:
+class Symbols:
     """Characters of the picture. levels: bars of the sparkline, low to high."""
 
     line: str
     middle: str
     mark: str
     levels: str
-    give_or_take: str
+    plus_minus: str
 
 
-FINE = Signs("─", "┼", "●", "▁▂▃▄▅▆▇█", "±")
-ASCII = Signs("-", "|", "O", "_.-=+*%#", "+-")
+FINE = Symbols("─", "┼", "●", "▁▂▃▄▅▆▇█", "±")
+ASCII = Symbols("-", "|", "O", "_.-=+*%#", "+-")
 
 
 class Picture:
-    """Draws the statuses of one flight, and keeps the recent radius errors for the sparkline."""
+    """Draws the statuses of a flight, and keeps the recent radius errors for the sparkline."""
 
     def __init__(self, settings: PilotSettings, name: str, *, ascii_only: bool) -> None:
         self._settings, self._signs = settings, ASCII if ascii_only else FINE
@@ -63,7 +63,7 @@ class Picture:
         self._width = min(max(columns, NARROWEST), WIDEST)
         folded = self._folded(status.alarms[:MOST_ALARMS])
         alarms: list[Row] = [(ALARM, Text(line, "bold reverse red")) for line in folded]
-        facts = told(status, self._settings, MOST_REASONS)
+        facts = status_facts(status, self._settings, MOST_REASONS)
         rows: list[Row] = [
             *self._phase(status, facts["flown"]),
             *(alarms or [("alarms", "none")]),
@@ -76,7 +76,7 @@ class Picture:
         ]
         text = Text(no_wrap=True, overflow="crop")
         for name, value in rows:
-            shown = printable(value) if isinstance(value, str) else value
+            shown = printable(value).replace("±", self._signs.plus_minus) if isinstance(value, str) else value
             text.append(f"{name:<{LABEL}}", "bold red" if name == ALARM else "").append(shown).append("\n")
         text.right_crop()
         return Panel(
@@ -95,12 +95,11 @@ class Picture:
         desired, limit = tick.desired or self._settings.orbit.radius, self._settings.orbit.max_turn_rate
         share = None if tick.r is None else tick.r / desired - 1
         to_right = None if tick.turn_rate is None else yaw_rate_from_turn_rate(TurnRate(tick.turn_rate)) / limit
-        give_or_take = self._signs.give_or_take
         return [
-            ("range", facts["range"].replace("±", give_or_take)),
+            ("range", facts["range"]),
             ("", f"0 {self._bar(share)} {2 * desired:.0f} m"),
             ("error", facts["error"] + self._sparkline(tick, desired)),
-            ("range rate", facts["range rate"].replace("±", give_or_take)),
+            ("range rate", facts["range rate"]),
             ("turn rate", facts["turn rate"]),
             ("", f"left {self._bar(to_right)} right"),
         ]

@@ -32,7 +32,7 @@ class Wire:
 
     def recv_match(self, type: str, **_: object) -> Any:
         while not self._heard:
-            if self._bench.survey.done:
+            if self._bench.listener.done:
                 raise SurveyedError
             self._bench.step()
             frames = b"".join(self._bench.vehicle.outgoing("radio"))
@@ -47,7 +47,7 @@ def test_a_simulator_without_a_radio_gets_one(profile: str, monkeypatch: pytest.
     monkeypatch.setattr(sys, "argv", ["beacon.py", "udpout:here", "--north", "30", "--east", "40", "--seed", "1"])
     with pytest.raises(SurveyedError):
         runpy.run_path(str(ROOT / "docs" / "beacon.py"))["main"]()
-    lines = {line.subject: line for line in judge(bench.mission, bench.survey)}
+    lines = {line.subject: line for line in judge(bench.mission, bench.listener)}
     assert {subject: lines[subject].grade for subject in ("ranging", "noise", "stamps")} == {
         "ranging": Grade.PASS, "noise": Grade.PASS, "stamps": Grade.PASS,
     }  # fmt: skip
