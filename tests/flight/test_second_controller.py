@@ -9,7 +9,7 @@ from tests.flight.lockstep import SETPOINT_IDS, flight
 from tests.frames import read
 
 OTHER = (1, 193)
-BEGINS = 50.0
+BEGINS = 40.0
 """Time, s, by which each of them turns."""
 
 

@@ -12,7 +12,7 @@ from circnav_mav.pilot import Ending
 from tests.flight.lockstep import clockwise_turns, flight, last_third, rms_error, unrest
 
 SPEED = {"arduplane": 22.0, "arducopter": 5.0}
-DURATION, JUDGED = 110.0, 50.0
+DURATION, JUDGED = 100.0, 50.0
 
 
 def wind(share: float) -> str:

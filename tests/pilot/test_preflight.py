@@ -50,22 +50,26 @@ class Bench:
         self.hears = lambda frame, now: True
         self.speaks = lambda now: []
 
+        self.now, self.parser = 0.0, mavlink.MAVLink(None)
+        self.links = {"main": VEHICLE, **({"ranging": RANGING} if mission.file.ranging.endpoint else {})}
+
     def run(self):
-        parser, now = mavlink.MAVLink(None), 0.0
-        links = {"main": VEHICLE, **({"ranging": RANGING} if self.mission.file.ranging.endpoint else {})}
         while not self.listener.done:
-            now = round(now + 0.01, 6)
-            self.vehicle.advance(now * self.speed)
-            for sim_link, link in links.items():
-                for frame in self.vehicle.outgoing(sim_link):
-                    if self.hears(frame, now):
-                        self.listener.receive(frame, now, "sim", link)
-            for frame in self.speaks(now):
-                self.listener.receive(frame, now, "sim", link)
-            out = self.listener.step(now)
-            self.vehicle.receive(out)
-            self.sent += parser.parse_buffer(bytearray(out)) or []
+            self.step()
         return self.listener
+
+    def step(self):
+        self.now = now = round(self.now + 0.01, 6)
+        self.vehicle.advance(now * self.speed)
+        for sim_link, link in self.links.items():
+            for frame in self.vehicle.outgoing(sim_link):
+                if self.hears(frame, now):
+                    self.listener.receive(frame, now, "sim", link)
+        for frame in self.speaks(now):
+            self.listener.receive(frame, now, "sim", link)
+        out = self.listener.step(now)
+        self.vehicle.receive(out)
+        self.sent += self.parser.parse_buffer(bytearray(out)) or []
 
     def lines(self):
         return judge(self.mission, self.run())

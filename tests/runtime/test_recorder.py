@@ -1,7 +1,6 @@
 """The run folder: read back by pymavlink's own log reader, and a disk that fails in every way."""
 
 import csv
-import time
 from pathlib import Path
 
 import pytest
@@ -14,6 +13,7 @@ from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog.loop_steps import recorded_steps
 from circnav_mav.runlog.ticks import read_ticks
 from circnav_mav.runtime.recorder import TICK_COLUMNS, Recorder, RecorderError
+from tests.process import until
 
 EPOCH_US = 1_790_000_000_000_000
 
@@ -78,9 +78,7 @@ def test_what_is_written_is_on_the_disk_at_once(recorder):
     """Whatever happens to the process."""
     recorder.step(LoopStep(0.5, sent=frames(30)))
     recorder.ticks([tick()])
-    end = time.monotonic() + 3.0
-    while "engaged" not in (recorder.folder / "ticks.csv").read_text():
-        assert time.monotonic() < end
+    until(lambda: "engaged" in (recorder.folder / "ticks.csv").read_text())
     sizes = [(recorder.folder / name).read_bytes().count(b"\n") for name in ("steps.csv", "ticks.csv")]
     assert sizes == [2, 2]
     assert (recorder.folder / "flight.tlog").stat().st_size == sum(8 + len(frame) for frame in frames(30))

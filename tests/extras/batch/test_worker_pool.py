@@ -55,7 +55,7 @@ def test_what_nobody_waits_for_any_more_is_dropped_in_the_middle():
         first, *_ = [submit(math.sqrt, 4.0), *(submit(time.sleep, FOREVER) for _ in range(5))]
         assert first.result() == 2.0
         began = time.monotonic()
-    assert time.monotonic() - began < 10
+    assert time.monotonic() - began < PATIENCE
 
 
 def test_what_a_job_raises_is_raised_here():
@@ -119,4 +119,4 @@ def test_the_cells_of_the_benchmark_come_in_their_order_and_the_rest_is_dropped(
     with pytest.raises(BrokenPipeError):
         bench.run([(calm, "pd"), (calm, "smooth"), *[(calm, "auto")] * 100], flights=2, tell=tell, cores=2)
     assert [line.split()[1] for line in told] == ["pd", "smooth"]
-    assert time.monotonic() - began < 60
+    assert time.monotonic() - began < PATIENCE

@@ -46,10 +46,10 @@ def test_circle_is_held_through_the_wrap_of_the_49_days_counters(tmp_path: Path)
 
 
 def test_memory_of_the_installed_command_does_not_grow_with_the_flight(tmp_path: Path) -> None:
-    """In the last 300 s: 3 kB/s, as two queues of the bundled vehicle once took, would be 1 MB."""
-    memory = [mb for at, mb in flown(tmp_path / "run", "quickstart", "auto", 450.0) if 150 < at < 450]
-    assert len(memory) > 5
-    assert max(memory) - memory[0] < 0.4
+    """In the last 150 s: 3 kB/s, as two queues of the bundled vehicle once took, would be 0.45 MB."""
+    memory = [mb for at, mb in flown(tmp_path / "run", "quickstart", "auto", 300.0) if 150 < at < 300]
+    assert len(memory) > 3
+    assert max(memory) - memory[0] < 0.3
 
 
 @pytest.mark.parametrize("what", ["mutated", "valid", "flood"])
@@ -59,4 +59,4 @@ def test_hostile_frames_neither_crash_the_pilot_nor_make_it_say_anything_unsafe(
 
 
 def test_damaged_files_are_refused_in_one_line_or_read_as_far_as_they_go() -> None:
-    assert assault_files(40, seed=2) == []
+    assert assault_files(25, seed=2) == []

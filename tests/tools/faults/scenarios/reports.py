@@ -61,7 +61,7 @@ def missing(course: Course) -> Change:
 
 REPORTS = [
     reports("yaw set anew by 180 deg", ATTITUDE, turned(pi), quick=True, **YAW),
-    reports("yaw set anew by 90 deg", ATTITUDE, turned(pi / 2), quick=True, **YAW),
+    reports("yaw set anew by 90 deg", ATTITUDE, turned(pi / 2), **YAW),
     reports("no ATTITUDE", ATTITUDE, missing, quick=True, **BLIND),
     reports("ATTITUDE without numbers", ATTITUDE, fixed(yaw=nan, rollspeed=nan, pitchspeed=nan, yawspeed=nan), **BLIND),
     reports("ATTITUDE at 1 Hz", ATTITUDE, every_second, **BLIND),
