@@ -13,7 +13,7 @@ from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.step import LawChoice, limited
 from circnav_mav.guidance.tuning import LawTuning
-from circnav_mav.guidance.turn_answer import TurnAnswer
+from circnav_mav.guidance.turn_answer import LearnedResponse
 from circnav_mav.guidance.types import (
     SAME_TIME,
     Direction,
@@ -66,7 +66,7 @@ class Guidance:
             _known("law", law.name, LAWS)
             name, turn_lag = law.name, law.lag
         steer = law if isinstance(law, LawChoice) else _own(law, orbit)
-        self._loop = ClosedLoop(orbit, steer, TurnAnswer(turn_lag, orbit.max_turn_rate))
+        self._loop = ClosedLoop(orbit, steer, LearnedResponse(turn_lag, orbit.max_turn_rate))
         self._stale = stale
         wanted = estimator or default_estimator(name)
         if isinstance(wanted, str):
@@ -96,7 +96,7 @@ class Guidance:
             return False
         self._estimator.move(own)
         nose = own._replace(bank_turn=None)
-        self._loop.feel(nose, nose)
+        self._loop.on_motion(nose, nose)
         return True
 
     def estimate(self, now: float) -> RangeEstimate | None:

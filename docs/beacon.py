@@ -34,7 +34,7 @@ def main() -> None:
     while True:
         if time.monotonic() - greeted > HEARTBEAT_PERIOD:
             greeted = time.monotonic()
-            greet(link, options.rate)
+            say_hello(link, options.rate)
         position = link.recv_match(type="GLOBAL_POSITION_INT", blocking=True, timeout=0.1)
         if position is None or (position.lat == 0 and position.lon == 0):
             continue
@@ -50,7 +50,7 @@ def main() -> None:
             link.mav.distance_sensor_send(position.time_boot_ms, 0, 65535, cm, 4, 0, UPWARD, 255)
 
 
-def greet(link: mavutil.mavfile, rate: float) -> None:
+def say_hello(link: mavutil.mavfile, rate: float) -> None:
     """A heartbeat, and a request for positions at this rate."""
     link.mav.heartbeat_send(common.MAV_TYPE_ONBOARD_CONTROLLER, common.MAV_AUTOPILOT_INVALID, 0, 0, 4)
     message, interval = common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 1e6 / rate

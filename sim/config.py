@@ -278,11 +278,11 @@ def _conflicts(config: VehicleConfig) -> Iterator[tuple[str, str]]:
     for name, mode in named:
         if mode is not None and mode not in modes:
             hint = nearest(mode, modes) or f"; modes: {', '.join(modes)}"
-            yield name, f'"{mode}" is no mode of {airframe.profile}{hint}'
+            yield name, f'"{mode}" is not a mode of {airframe.profile}{hint}'
     if airframe.dynamics == "airborne" and airframe.profile not in ("arducopter", "arducopter_nogps"):
         yield "vehicle.dynamics", f'"airborne" is an arducopter, not an {airframe.profile}'
     if config.start.random.range_m and config.start.random.range_m[0] < 0:
-        yield "start.random.range_m", "begins below 0"
+        yield "start.random.range_m", "must not begin below 0"
     if not config.start.armed and (config.start.altitude_m or 0.0) > 0:
         yield "start.armed", "false needs altitude_m = 0: a disarmed vehicle cannot fly"
     if ranging.via == "forwarded" and ranging.message == "ranging_beacon":

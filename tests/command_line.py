@@ -102,7 +102,7 @@ def run(flown: Path, tmp_path: Path) -> Path:
 
 @pytest.fixture
 def with_manifest(run: Path) -> Callable[..., None]:
-    """Changes values of the run's manifest.json: with_manifest(voice="shadow")."""
+    """Changes values of the run's manifest.json: with_manifest(output_mode="shadow")."""
     path = run / "manifest.json"
     return lambda **changed: path.write_text(json.dumps(json.loads(path.read_text()) | changed)) and None
 

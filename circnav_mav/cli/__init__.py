@@ -31,7 +31,7 @@ SET = click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True,
 ENDPOINT = click.option(
     "--endpoint",
     metavar="URL",
-    help="The vehicle: udpin:, udpout: or tcp:HOST:PORT, serial:PATH:BAUD. [default: as the mission says]",
+    help="Address of the vehicle: udpin:, udpout: or tcp:HOST:PORT, serial:PATH:BAUD. [default: link.endpoint]",
 )
 SPEED_HELP = "Bundled vehicle: N times real time, to watch it. [default: as fast as possible; with --web 6]"
 YEAR_2100 = 4_102_444_800
@@ -39,7 +39,7 @@ YEAR_2100 = 4_102_444_800
 
 
 class Commands(click.Group):
-    """Command group that lists its commands in the order of use: those of this file, then those of extensions."""
+    """Command group that lists its commands in the order of use: commands of this file, then of extensions."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         added = (name for extension in extensions() for name in extension.commands if " " not in name)
@@ -78,11 +78,11 @@ def circnav() -> None:
 
     \b
     Exit codes:
-        0    flown to its end (or: nothing found wrong)
+        0    flown to its end (check, preflight: no FAIL)
         1    internal error
         2    bad usage or mission file
         3    no vehicle or no ranging received
-        4    ended by a safety rule, or the operator took over
+        4    ended by a safety rule or by the operator (preflight: a FAIL)
         5    flown to its end, but the recording is incomplete (disk full or too slow, log.max_mb)
         130  interrupted (after a safe setpoint)
     """
@@ -111,7 +111,7 @@ def _options_of_extensions(name: str) -> Callable[[Callable[..., None]], Callabl
 @click.option("--duration", type=float, metavar="S", help="Seconds to fly after engaging.")
 @click.option("--out", type=Folder(), metavar="DIR", help="Run folder. [default: runs/<time>-<name>]")
 @click.option("--dry-run", is_flag=True, help="Compute and log everything, but send no setpoint and request no mode.")
-@click.option("--shadow", is_flag=True, help="Like --dry-run, and send nothing but our heartbeat and the plot values.")
+@click.option("--shadow", is_flag=True, help="Like --dry-run, and send only our heartbeat and the plot values.")
 @_options_of_extensions("fly_options")
 def fly() -> None:
     """Fly MISSION, show it live, and record it in a run folder.
@@ -135,7 +135,8 @@ def init() -> None:
     """Write a commented mission for VEHICLE to FILE. [default: VEHICLE.toml] It flies on the bundled emulator at once;
     nothing is ever overwritten.
 
-    VEHICLE is copter, plane or rover (ArduPilot), px4-copter, px4-plane, px4-plane-attitude, or any bundled mission.
+    VEHICLE is copter, plane or rover (ArduPilot), px4-copter, px4-plane, px4-plane-attitude, home (a plane that has
+    lost its GPS), or any bundled mission.
     mission.schema.json beside it lets an editor complete and check the keys.
 
     \b
@@ -175,7 +176,7 @@ def preflight() -> None:
 
 @command("circnav_mav.cli.report:report_run", short_help="Draw the report of a run again.")
 @click.argument("folder", type=click.Path(), metavar="RUN")
-@click.option("--after-flight", is_flag=True, hidden=True, help="As fly ends, which says so in a line.")
+@click.option("--after-flight", is_flag=True, hidden=True, help="Wait for a line on standard input, then draw.")
 def report() -> None:
     """Draw the report of RUN, a run folder, again: report.html (one page, opens offline, prints) and flight.png. `fly`
     draws both by itself.
@@ -188,18 +189,19 @@ def report() -> None:
 
 @command("circnav_mav.cli.replay:replay_log", short_help="Run a recorded flight through the pilot again.")
 @click.argument("log", type=click.Path(), metavar="RUN_OR_TLOG")
-@click.option("--mission", type=FileOrName("mission"), metavar="FILE", help="Another mission; a plain tlog needs one.")
+@click.option(
+    "--mission", type=FileOrName("mission"), metavar="FILE", help="Another mission. Required for a plain tlog."
+)
 @SET
 @click.option("--estimator", metavar="NAME", help="Another estimator: guidance.estimator.")
 @click.option("--law", metavar="NAME", help="Another law: guidance.law.")
 @click.option("--out", type=Folder(), metavar="DIR", help="Write the replay's ticks.csv and replay.png there.")
 def replay() -> None:
-    """Run a recorded flight through the pilot again, and compare. Estimates and commands are set against those of the
-    flight.
+    """Run a recorded flight through the pilot again, and compare estimates and commands with the flight.
 
     RUN_OR_TLOG is a run folder, or a tlog of Mission Planner or MAVProxy with ranging telemetry in it (which needs
     --mission, and is replayed as a dry run). The vehicle's path stays as flown. Exit codes: 0 replayed, 2 bad
-    usage, 3 nothing in the log to steer by.
+    usage, 3 the replay never steered.
 
     \b
     Examples:
@@ -229,7 +231,7 @@ def emulate() -> None:
 
 @circnav.group(short_help="Delete old run folders.")
 def runs() -> None:
-    """Look after run folders.
+    """Manage run folders.
 
     \b
     Example:
@@ -239,12 +241,12 @@ def runs() -> None:
 
 @command("circnav_mav.cli.runs:clean_runs", group=runs, short_help="Delete old run folders; asks first.")
 @click.argument("folder", type=click.Path(exists=True, file_okay=False), default="runs")
-@click.option("--older-than", default="30d", metavar="AGE", help="Such as 12h, 30d or 4w.")
-@click.option("--keep", type=click.IntRange(0), default=5, metavar="N", help="The newest N stay.")
+@click.option("--older-than", default="30d", metavar="AGE", help="Age, such as 12h, 30d or 4w.")
+@click.option("--keep", type=click.IntRange(0), default=5, metavar="N", help="Keep the newest N.")
 @click.option("--yes", is_flag=True, help="Delete without asking.")
 def clean() -> None:
-    """Show the old runs of FOLDER [default: runs], and delete them if you say so. Only folders that circnav recorded a
-    flight in, and that hold nothing else.
+    """List the old runs of FOLDER [default: runs], and delete them after a question. Only folders with a recorded
+    flight and nothing else are listed.
 
     \b
     Example:
@@ -257,7 +259,7 @@ def clean() -> None:
 @SET
 def params() -> None:
     """Print the parameter file for the autopilot of MISSION: the values that preflight checks, each with its reason.
-    What belongs to the airframe or to the operator (stall speed, fence, failsafes) is listed and not set.
+    Parameters of the airframe and of the operator (stall speed, fence, failsafes) are listed, not set.
 
     \b
     Examples, then load it with Mission Planner, QGroundControl or MAVProxy:
@@ -270,7 +272,7 @@ def params() -> None:
 @click.argument("kind", type=click.Choice(["mission", *(name for one in extensions() for name in one.schemas)]))
 def schema() -> None:
     """Print the JSON schema of mission or campaign files. Editors with TOML support (Even Better TOML, taplo, tombi)
-    complete and check a file whose first line names it: #:schema mission.schema.json
+    complete and check a file that begins with the line: #:schema mission.schema.json
 
     \b
     Example:

@@ -15,7 +15,7 @@ FOLDERS = {"mission": CONFIG, "campaign": CONFIG / "campaigns"}
 
 
 def names(kind: str) -> list[str]:
-    """Return the names of the bundled files. Those of ArduPilot are named by vehicle kind, as in `plane`."""
+    """Return the names of the bundled files. Files for ArduPilot are named by vehicle kind, as in `plane`."""
     return sorted(path.stem.removeprefix("ardu").replace("_", "-") for path in FOLDERS[kind].glob("*.toml"))
 
 
@@ -46,10 +46,12 @@ class FileOrName(click.ParamType):  # type: ignore[type-arg]
             if found is None:
                 known = names(self.kind)
                 near = "".join(f", did you mean {name}?" for name in get_close_matches(value, known, 1))
-                raise Refused(f"{value}: is no file and no bundled {self.kind}{near}; bundled: {', '.join(known)}")
+                raise Refused(
+                    f"{value}: is not a file and not a bundled {self.kind}{near}; bundled: {', '.join(known)}"
+                )
             return str(found)
         if found is not None and not path.exists():
-            raise Refused(f"{value}: no such file; the bundled one goes by its name: {path.stem.replace('_', '-')}")
+            raise Refused(f"{value}: no such file; give the bundled one by its name: {path.stem.replace('_', '-')}")
         return value
 
     def get_missing_message(self, param: click.Parameter, ctx: click.Context | None) -> str:

@@ -57,17 +57,18 @@ def all_checks(mission: Mission) -> list[Check]:
     lines = check_mission(mission)
     if mission.flies_sim and mission.file.sim is not None:
         misfits = _misfits(mission, parse_vehicle(mission.file.sim, "sim"))
-        lines += [Check(grade, "sim", says) for grade, says in misfits]
+        lines += [Check(grade, "sim", text) for grade, text in misfits]
     return lines
 
 
-def refuse_failing(path: str, mission: Mission, shown: Collection[Grade] = tuple(Grade)) -> None:
-    """Print the check lines of these grades, or all lines if one fails. Raises Refused if one fails."""
+def refuse_failing(path: str, mission: Mission, shown: Collection[Grade] = tuple(Grade)) -> list[Check]:
+    """Print the check lines of these grades, or all if one fails. Return all. Raises Refused if one fails."""
     lines = all_checks(mission)
     failed = any(line.grade is Grade.FAIL for line in lines)
     show_checks([line for line in lines if failed or line.grade in shown])
     if failed:
         raise Refused(f"{path}: refused by its checks, see FAIL above")
+    return lines
 
 
 def check_file(path: str, overrides: tuple[str, ...]) -> int:
@@ -88,7 +89,7 @@ def show_checks(lines: list[Check]) -> None:
     """Print check lines with colored grades."""
     for line in lines:
         grade = click.style(f"{line.grade.value:<4}", fg=COLOURS[line.grade], bold=line.grade is not Grade.PASS)
-        say(f"  {line.subject:<11} {line.says}", styled=grade)
+        say(f"  {line.subject:<11} {line.text}", styled=grade)
 
 
 def _misfits(mission: Mission, config: VehicleConfig) -> Iterator[tuple[Grade, str]]:
@@ -96,16 +97,16 @@ def _misfits(mission: Mission, config: VehicleConfig) -> Iterator[tuple[Grade, s
     wanted, profile = mission.file.vehicle, config.vehicle.profile
     autopilot, kind = FLIES[profile]
     if kind != wanted.kind or wanted.autopilot not in ("auto", autopilot):
-        yield Grade.FAIL, f"sim.vehicle.profile {profile} is no {wanted.autopilot} {wanted.kind} of [vehicle]"
+        yield Grade.FAIL, f"sim.vehicle.profile {profile} is not the {wanted.autopilot} {wanted.kind} of [vehicle]"
         return
     cruise = config.vehicle.cruise_speed_mps or CRUISE_MPS.get(profile, wanted.speed_mps)
     if any(vehicle.cruises for vehicle in mission.vehicles) and abs(cruise / wanted.speed_mps - 1) > SPEED_OFF:
         cruises = f"the bundled plane cruises at {cruise:g} m/s (sim.vehicle.cruise_speed_mps)"
-        yield Grade.WARN, f"{cruises}, vehicle.speed_mps counts on {wanted.speed_mps:g}"
+        yield Grade.WARN, f"{cruises}, but vehicle.speed_mps = {wanted.speed_mps:g}"
     in_air = any(vehicle.ground_speed_sigma is None for vehicle in mission.vehicles)
     drift, tolerated = _drift(config, in_air=in_air), drift_allowed(mission)
     if drift > tolerated > 0:
-        moves = f"sim.wind less the target's motion is {drift:.1f} m/s"
+        moves = f"sim.wind minus the target's motion is {drift:.1f} m/s"
         yield Grade.WARN, f"{moves}, more than the {tolerated:.1f} m/s that the circle allows"
 
 

@@ -19,7 +19,7 @@ from circnav_mav.runlog.ticks import NO_TICKS, Ticks, Truth, read_ticks, read_tr
 from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.recorder import Recorder
 
-OUTCOMES = {Ending.COMPLETED: "completed", Ending.INTERRUPTED: "interrupted"}
+OUTCOMES = {ending: ending.value for ending in (Ending.COMPLETED, Ending.INTERRUPTED, Ending.TAKEN_OVER)}
 """Outcome in summary.json. All other endings are "aborted"."""
 LIBRARIES = ("pymavlink", "numpy", "filterpy")
 """Packages whose versions the manifest holds, besides circnav and Python."""
@@ -41,7 +41,7 @@ def write_manifest(folder: Path, mission: Mission, pilot: Pilot, epoch_us: int, 
         autopilot["firmware"] = session.vehicle.firmware
     facts = {
         "mission": mission.file.name,
-        "voice": pilot.settings.output_mode.value,
+        "output_mode": pilot.settings.output_mode.value,
         "epoch_us": epoch_us,
         "seeds": {} if seed is None else {"sim": seed},
         "versions": versions,
@@ -115,7 +115,7 @@ def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, epoch_us: int) 
         try:
             return summarise(facts, *known)
         except Exception as error:
-            problem = f"not all figures could be worked out: {error}"
+            problem = f"not all figures could be computed: {error}"
             facts = replace(facts, recording_problem=facts.recording_problem or problem)
     return summarise(facts, NO_TICKS, None)
 

@@ -24,7 +24,7 @@ from circnav_mav.runtime.radio_link import open_radio
 
 
 def open_links(mission: Mission, open_things: ExitStack) -> dict[str, Link]:
-    """Open the endpoints of a mission, except those of the bundled vehicle. Raises Refused."""
+    """Open the endpoints of a mission, except for the bundled vehicle. Raises Refused."""
     endpoints = {VEHICLE: mission.file.link.endpoint, RANGING: mission.file.ranging.endpoint}
     links: dict[str, Link] = {}
     for name, endpoint in endpoints.items():
@@ -62,7 +62,7 @@ def open_signing(mission: Mission, open_things: ExitStack) -> tuple[Signing, Sig
 def open_onlookers(
     mission: Mission, pilot: Pilot, signing: Signing | None, options: Mapping[str, Any], open_things: ExitStack
 ) -> Onlookers:
-    """Open the onlookers of extensions. options: those of `circnav fly`. Raises Refused."""
+    """Open the onlookers of extensions. options: of `circnav fly`. Raises Refused."""
     onlookers = Onlookers()
     open_things.callback(onlookers.close)
     settings = OnlookerSettings(mission, pilot, signing, options, onlookers)

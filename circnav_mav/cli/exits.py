@@ -24,7 +24,7 @@ class Exit(IntEnum):
     DONE = 0
     INTERNAL = 1
     USAGE = 2
-    NOTHING_HEARD = 3
+    NOTHING_RECEIVED = 3
     ABORTED = 4
     NOT_RECORDED = 5
     INTERRUPTED = 130
@@ -55,16 +55,16 @@ def in_one_line(error: BaseException) -> str:
 
 @contextmanager
 def refusing(place: str | Path, *kinds: type[Exception]) -> Iterator[None]:
-    """Convert errors of these kinds, and any OSError, to Refused. The exit code is NOTHING_HEARD if the vehicle or
-    radio is not there (attribute `nobody`), else USAGE. place: name of the file if an OSError has none."""
+    """Convert errors of these kinds, and any OSError, to Refused. The exit code is NOTHING_RECEIVED if the vehicle or
+    radio is not there (attribute `no_peer`), else USAGE. place: name of the file if an OSError has none."""
     try:
         yield
     # The reader of our output closed it, as `| head` does. Click ends the process quietly.
     except BrokenPipeError:
         raise
     except kinds as error:
-        nobody = getattr(error, "nobody", False)
-        raise Refused(str(error), Exit.NOTHING_HEARD if nobody else Exit.USAGE) from None
+        no_peer = getattr(error, "no_peer", False)
+        raise Refused(str(error), Exit.NOTHING_RECEIVED if no_peer else Exit.USAGE) from None
     except OSError as error:
         raise Refused(f"{error.filename or place}: {error.strerror or error}") from None
 
@@ -72,7 +72,7 @@ def refusing(place: str | Path, *kinds: type[Exception]) -> Iterator[None]:
 def mind_output() -> None:
     """Make a failed write to standard output, such as on a full disk, raise Refused, and ignore one to standard error.
     Characters that the output cannot encode are escaped."""
-    sys.stdout, sys.stderr = _onto(_Refusing, sys.stdout), _onto(_Unheard, sys.stderr)
+    sys.stdout, sys.stderr = _onto(_RaisingErrors, sys.stdout), _onto(_IgnoringErrors, sys.stderr)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -82,10 +82,10 @@ def outlive_terminal() -> None:
     """Keep running when the terminal closes or the SSH session drops: ignore SIGHUP, also in child processes, and
     failed writes."""
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    sys.stdout, sys.stderr = _onto(_Unheard, sys.stdout), _onto(_Unheard, sys.stderr)
+    sys.stdout, sys.stderr = _onto(_IgnoringErrors, sys.stdout), _onto(_IgnoringErrors, sys.stderr)
 
 
-class _Unheard(io.FileIO):
+class _IgnoringErrors(io.FileIO):
     """Descriptor that ignores failed writes."""
 
     def write(self, data: Any, /) -> int:
@@ -95,19 +95,19 @@ class _Unheard(io.FileIO):
             return len(data)
 
 
-class _Refusing(io.FileIO):
+class _RaisingErrors(io.FileIO):
     """Descriptor that raises Refused on the first failed write, and ignores later writes. BrokenPipeError is passed
     on."""
 
-    _told = False
+    _reported = False
 
     def write(self, data: Any, /) -> int:
         try:
-            return len(data) if self._told or not data else super().write(data)  # click tests with an empty write
+            return len(data) if self._reported or not data else super().write(data)  # click tests with an empty write
         except BrokenPipeError:
             raise
         except OSError as error:
-            self._told = True
+            self._reported = True
             raise Refused(f"standard output cannot be written: {error.strerror or error}") from None
 
 

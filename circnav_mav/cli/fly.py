@@ -21,6 +21,7 @@ from circnav_mav.foreign import read_text
 from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import VEHICLE, Ending, OutputMode, Pilot
+from circnav_mav.pilot.loop_step import OLD_STEPS, STEPS
 from circnav_mav.runtime.clock import Clock, local_time_name
 from circnav_mav.runtime.display import display_for
 from circnav_mav.runtime.links import Link
@@ -31,14 +32,15 @@ from circnav_mav.runtime.status import AlarmLog
 
 EXITS = {
     Ending.COMPLETED: Exit.DONE,
-    Ending.NOTHING_HEARD: Exit.NOTHING_HEARD,
+    Ending.NOTHING_RECEIVED: Exit.NOTHING_RECEIVED,
     Ending.ABORTED: Exit.ABORTED,
+    Ending.TAKEN_OVER: Exit.ABORTED,
     Ending.INTERRUPTED: Exit.INTERRUPTED,
 }
 MOST_WATCHED = 10.0
 """Simulation speed, times real time, up to which the refresh rate of the display is constant. Above it, the
 interval is constant in run time."""
-RECORDED = ("flight.tlog", "turns.csv", "ticks.csv", "summary.json", "manifest.json")
+RECORDED = ("flight.tlog", STEPS, OLD_STEPS, "ticks.csv", "summary.json", "manifest.json")
 """Files by which a folder is recognized as a recorded flight."""
 
 
@@ -46,7 +48,7 @@ def fly_mission(
     path: str, *, endpoint: str | None, overrides: tuple[str, ...], speed: float | None, duration: float | None,
     out: str | None, dry_run: bool, shadow: bool, **options: Any,
 ) -> int:  # fmt: skip
-    """Fly a mission with the options of `fly`, and return the exit code. options: those of extensions. Raises Refused
+    """Fly a mission with the options of `fly`, and return the exit code. options: of extensions. Raises Refused
     before the flight begins, or after a crash of the loop."""
     if (instead := carried_out_by("flies", options)) is not None:
         return int(
@@ -63,7 +65,7 @@ def fly_mission(
     given = (f"{key}={value}" for key, value in values.items() if value is not None)
     mission = read_mission(path, (*overrides, *given))
     if speed is not None and not mission.flies_sim:
-        raise Refused(f"--speed: only the bundled vehicle flies at another speed, not {mission.file.link.endpoint}")
+        raise Refused(f"--speed: only the bundled vehicle can be simulated faster, not {mission.file.link.endpoint}")
     refuse_failing(path, mission, shown=[Grade.WARN])
     _run_folder(out, mission)  # refuse a bad folder before opening anything
     with ExitStack() as watched_open:
@@ -121,14 +123,14 @@ def _run_folder(out: str | None, mission: Mission) -> Path:
     with refusing(own):
         for name in RECORDED:
             if (folder / name).exists():
-                raise Refused(f"--out {out}: holds {name} already, name another folder")
+                raise Refused(f"--out {out}: already holds {name}, name another folder")
         if own.exists() and read_text(own) != mission.text:
-            raise Refused(f"--out {out}: holds a mission.toml that is not as flown, name another folder")
+            raise Refused(f"--out {out}: holds another mission.toml, name another folder")
     return folder
 
 
 def _recorder(out: str | None, mission: Mission) -> Recorder:
-    """Open a recorder in a folder of its own, even if two flights start at once. Raises Refused."""
+    """Open a recorder in a new folder, even if two flights start at once. Raises Refused."""
     while True:
         try:
             return Recorder(_run_folder(out, mission), mission.text, mission.file.log.max_mb)
@@ -145,7 +147,7 @@ def _crash_of(loop: Callable[[], None], pilot: Pilot, links: dict[str, Link], cl
         loop()
     except BaseException as error:  # includes sys.exit() in another package
         # first, because writing to the disk may block or fail
-        links[VEHICLE].send(pilot.last_words(clock.now()), pilot.session.reply_to)
+        links[VEHICLE].send(pilot.last_frames(clock.now()), pilot.session.reply_to)
         cause = in_one_line(error)
         pilot.abandon(cause)
         report = folder / "error.txt"

@@ -26,24 +26,24 @@ def write_mission(vehicle: str | None, file: str | None) -> int:
         raise Refused(f"init: name a vehicle: {known}")
     source = bundled("mission", vehicle)
     if source is None:
-        raise Refused(f"init {vehicle}: is not {known}")
+        raise Refused(f"init: {vehicle} is not {known}")
     path = Path(file or f"{vehicle}.toml")
     if not re.fullmatch(r"[A-Za-z0-9._-]+", path.stem):
-        raise Refused(f"init: {path.name}: a mission's name has letters, digits, '.', '_' and '-' only")
+        raise Refused(f"init: {path.name}: a mission's name may have letters, digits, '.', '_' and '-' only")
     text = source.read_text(encoding="utf-8")
     called = source.stem.replace("_", "-")
     text = re.sub(rf"(circnav \w+ ){called}\b", lambda found: found[1] + str(path), text)
     text = text.replace(f'\nname = "{source.stem}"\n', f'\nname = "{path.stem}"\n', 1)
     with refusing(path):
         if os.path.lexists(path):
-            raise Refused(f"init: {path}: is there already, name another file: circnav init {vehicle} FILE")
+            raise Refused(f"init: {path}: exists already, name another file: circnav init {vehicle} FILE")
         write_text(path, text)
         schema = path.with_name(SCHEMA)
         if not schema.exists():
             write_text(schema, schema_text("mission"))
     about = next((line[2:] for line in text.splitlines() if line.startswith("# ")), "")
     where = "on the bundled emulator" if '\nendpoint = "sim"' in text else "on your vehicle"
-    say(f"{path}: {about}\nEvery value is commented. Change what is yours, then:")
+    say(f"{path}: {about}\nEvery value has a comment. Adapt them, then:")
     say(f"  circnav check {path}    # each value against its limits")
     say(f"  circnav fly {path}      # {where}")
     return Exit.DONE

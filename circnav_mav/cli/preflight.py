@@ -8,7 +8,7 @@ from circnav_mav.cli.exits import Exit, Refused, say
 from circnav_mav.extension import extensions, load
 from circnav_mav.mav.check_result import Check, Grade
 from circnav_mav.mission.preflight import judge
-from circnav_mav.pilot.survey import Survey
+from circnav_mav.pilot.preflight_listener import PreflightListener
 from circnav_mav.runtime.clock import AutopilotClock
 from circnav_mav.runtime.runner import StopRequest, listen
 
@@ -18,23 +18,23 @@ def preflight_file(path: str, endpoint: str | None, overrides: tuple[str, ...], 
     if not 1 <= seconds <= 600:
         raise Refused(f"--seconds: must be at least 1 and at most 600, not {seconds:g}")
     mission = read_mission(path, overrides if endpoint is None else (*overrides, f'link.endpoint="{endpoint}"'))
-    refuse_failing(path, mission)
+    of_mission = refuse_failing(path, mission)
     say(f"listening on {mission.file.link.endpoint} for {seconds:g} s, no setpoint is sent ...")
     with ExitStack() as open_things:
         signing, signing_time = open_signing(mission, open_things)
         links = open_links(mission, open_things)
-        survey = Survey(mission.pilot_settings(), seconds=seconds, signing=signing)
-        clock = start_clock(mission, survey.session, links)
+        listener = PreflightListener(mission.pilot_settings(), seconds=seconds, signing=signing)
+        clock = start_clock(mission, listener.session, links)
         stop = StopRequest()
-        listen(survey, links, clock, stop, signing_time)
+        listen(listener, links, clock, stop, signing_time)
         if stop.signal_name:
             raise Refused(f"stopped by {stop.signal_name}", Exit.INTERRUPTED)
         clock_speed = clock.speed if isinstance(clock, AutopilotClock) else 1.0
         troubles = [Check(Grade.WARN, "endpoint", words) for words in link_troubles(links, mission)]
     added = [line for extension in extensions() for one in extension.preflight for line in load(one)(mission)]
-    lines = [*judge(mission, survey, clock_speed), *troubles, *added]
+    lines = [*judge(mission, listener, clock_speed), *troubles, *added]
     show_checks(lines)
-    failed = show_counts(path, lines)
-    if not survey.session.up:
-        return Exit.NOTHING_HEARD
+    failed = show_counts(path, [*of_mission, *lines])
+    if not listener.session.up:
+        return Exit.NOTHING_RECEIVED
     return Exit.ABORTED if failed else Exit.DONE

@@ -20,9 +20,9 @@ from circnav_mav.pilot import VEHICLE, OutputMode, Pilot, PilotSettings
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.report.plots import plot_replay
 from circnav_mav.runlog.atomic_write import atomic_write
-from circnav_mav.runlog.loop_steps import LogClock, LogSources, has_requests, recorded_steps, tlog_steps
+from circnav_mav.runlog.loop_steps import LogClock, LogSources, has_requests, recorded_steps, steps_file, tlog_steps
 from circnav_mav.runlog.replay import (
-    Replayed,
+    ReplayResult,
     as_flown_before,
     as_ticks,
     differences,
@@ -65,27 +65,29 @@ def replay_log(
 def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str | None) -> None:
     """Replay the recorded steps of a run folder, with its own mission or another."""
     run = open_run(Path(log).parent if Path(log).is_file() else Path(log))
-    if not (run.folder / "turns.csv").is_file():
-        raise Refused(f"{run.folder}: has no turns.csv; copy its flight.tlog out and replay that with --mission")
+    if not steps_file(run.folder).is_file():
+        raise Refused(
+            f"{run.folder}: has no steps.csv; copy its flight.tlog to another folder and replay the copy with --mission"
+        )
     own = str(run.folder / "mission.toml")
     parse = partial(load_mission, other) if other else partial(parse_mission, run.mission_text, own)
     mission = _mission(other or own, parse, overrides)
     if other or overrides:  # not as flown: an older version may have had other checks
         refuse_failing(other or own, mission, shown=())
     try:
-        voice = OutputMode(run.voice)
+        output_mode = OutputMode(run.output_mode)
     except ValueError:
-        raise Refused(f"{run.folder / 'manifest.json'}: voice: {run.voice!r} is none that a flight has") from None
-    settings = mission.pilot_settings(voice)
+        raise Refused(f"{run.folder / 'manifest.json'}: output_mode: {run.output_mode!r} is unknown") from None
+    settings = mission.pilot_settings(output_mode)
     gain = _held_gain(run, settings)
     settings = settings if gain is None else replace(settings, turn_gain=gain)
     with refusing(run.folder):
         pilot = Pilot(settings if has_requests(run.folder) else as_flown_before(settings))
-    empty = "nothing to replay: flight.tlog or turns.csv is empty, or damaged from its beginning on"
+    empty = "nothing to replay: flight.tlog or steps.csv is empty, or damaged from its beginning on"
     done = _replayed(run.folder, pilot, recorded_steps(run.folder), empty=empty)
     whole = _say_damage(run, done, pilot)
     if gain is not None:
-        say(f"  turn gain  held at {gain:.3g}, as at the end of the flight, which flew other turns")
+        say(f"  turn gain  fixed at {gain:.3g}, the value at the end of the flight: it was learned from other turns")
     _say_setpoints(done, whole)
     _say_ticks(done, pilot, run.ticks)
     _write(log, out, done, run.ticks, mission)
@@ -95,7 +97,7 @@ def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str 
 def _replay_plain(log: str, path: str | None, overrides: Sequence[str], out: str | None) -> None:
     """Replay a plain tlog: as a dry run, with added ticks, and without timeouts."""
     if path is None:
-        raise Refused(f"{Path(log)}: a plain tlog needs --mission: which vehicle, circle and ranging to replay it with")
+        raise Refused(f"{Path(log)}: a plain tlog needs --mission, a mission with its vehicle, circle and ranging")
     mission = _mission(path, partial(load_mission, path), overrides)
     refuse_failing(path, mission, shown=())
     pilot = Pilot(without_timeouts(mission.pilot_settings(OutputMode.DRY_RUN)))
@@ -108,7 +110,7 @@ def _replay_plain(log: str, path: str | None, overrides: Sequence[str], out: str
     if damage := find_damage(tlog):
         problems.append(f"{damage}: replayed up to {done.until:.1f} s" if damage.cut else str(damage))
     if spoilt := pilot.connection.counts[VEHICLE].bad:
-        problems.append(f"left out as damaged: {spoilt} of the frames")
+        problems.append(f"{spoilt} damaged frames left out")
     for problem in filter(None, (*problems, str(clock))):
         say(f"  WARNING    {tlog.name}: {problem}")
     _say_who(sources, pilot.session.adapter)
@@ -117,17 +119,19 @@ def _replay_plain(log: str, path: str | None, overrides: Sequence[str], out: str
     _write(log, out, done, None, mission)
 
 
-def _replayed(name: Path, pilot: Pilot, steps: Iterable[LoopStep], *, empty: str, ticking: bool = False) -> Replayed:
-    """Replay and print the amount. ticking: True for a plain log. empty: message if there are no steps. Raises
+def _replayed(
+    name: Path, pilot: Pilot, steps: Iterable[LoopStep], *, empty: str, ticking: bool = False
+) -> ReplayResult:
+    """Replay and print the amount. ticking: True for a plain log. empty: message for no steps. Raises
     Refused."""
     began = time.perf_counter()
     done = replay(pilot, steps, ticking=ticking)
     took = time.perf_counter() - began
     if not done.steps:
-        raise Refused(f"{name}: {empty}", Exit.NOTHING_HEARD)
+        raise Refused(f"{name}: {empty}", Exit.NOTHING_RECEIVED)
     if ticking and done.until == 0:
-        raise Refused(f"{name}: its stamps never go on: there is no time in it to replay it by", Exit.NOTHING_HEARD)
-    say(f"{name}: {done.until:.1f} s, {done.frames} frames in, replayed in {took:.2f} s")
+        raise Refused(f"{name}: its timestamps do not increase: it cannot be replayed", Exit.NOTHING_RECEIVED)
+    say(f"{name}: {done.until:.1f} s, {done.frames} received frames, replayed in {took:.2f} s")
     return done
 
 
@@ -138,7 +142,7 @@ def _mission(where: str, parse: Callable[..., Mission], overrides: Sequence[str]
     if gain is not None and mission.law.name != as_it_is.law.name and mission.file.guidance.gain == gain:
         raise Refused(
             f"{where}: guidance.gain {gain:g} belongs to the law {as_it_is.law.name}: "
-            f"give one for {mission.law.name} with --set guidance.gain=..."
+            f"give the gain of {mission.law.name}: --set guidance.gain=..."
         )
     return mission
 
@@ -162,11 +166,11 @@ def _check_steered(name: Path, pilot: Pilot) -> None:
         why = f"no vehicle: {'; '.join(pilot.session.misfits.values()) or pilot.connection.counts[VEHICLE].describe()}"
     else:
         refused = describe_rejected(pilot.tracker.ranging.rejected)
-        why = f"{pilot.tracker.accepted} ranges of {pilot.settings.ranging.message} taken, rejected: {refused}"
-    raise Refused(f"{name}: nothing to steer by: {why}", Exit.NOTHING_HEARD)
+        why = f"{pilot.tracker.accepted} ranges of {pilot.settings.ranging.message} accepted, rejected: {refused}"
+    raise Refused(f"{name}: never steered: {why}", Exit.NOTHING_RECEIVED)
 
 
-def _say_damage(run: Run, done: Replayed, pilot: Pilot) -> bool:
+def _say_damage(run: Run, done: ReplayResult, pilot: Pilot) -> bool:
     """Print warnings about missing or damaged parts of the log. Return True if it is complete."""
     end = float(run.ticks.time[-1]) if len(run.ticks.time) else 0.0
     short = end - done.until > UNRECORDED
@@ -174,48 +178,48 @@ def _say_damage(run: Run, done: Replayed, pilot: Pilot) -> bool:
     problems = [run.damage_text] if run.damage_text else []
     if short and not (run.damage and run.damage.cut):
         where = "is damaged" if run.damage else "ends"
-        problems.append(f"replayed up to {done.until:.1f} s of {end:.1f} s, where flight.tlog or turns.csv {where}")
+        problems.append(f"replayed up to {done.until:.1f} s of {end:.1f} s, where flight.tlog or steps.csv {where}")
     if spoilt:
-        problems.append(f"flight.tlog: left out as damaged: {spoilt} of the frames that came in")
+        problems.append(f"flight.tlog: {spoilt} damaged frames left out")
     for problem in problems:
         say(f"  WARNING    {problem}")
     return not (short or spoilt)
 
 
-def _say_setpoints(done: Replayed, whole: bool) -> None:
-    """Print the comparison of sent setpoints with those of the replay."""
+def _say_setpoints(done: ReplayResult, whole: bool) -> None:
+    """Print the comparison of sent and replayed setpoints."""
     was, would = done.was_setpoints, done.setpoints
     if done.identical:
         until = "" if whole else f" up to {done.until:.1f} s"
-        say(f"  setpoints  {len(was)} as flown, byte for byte the same{until}, and so is all else that was sent")
+        say(f"  setpoints  {len(was)} as flown, byte for byte the same{until}, as are all other sent frames")
         return
     same = len(set(was) & set(would))
-    say(f"  setpoints  {len(was)} as flown, {len(would)} in the replay, {same} of them the same")
-    say(f"             first frame that differs: {done.first_difference:.3f} s")
+    say(f"  setpoints  {len(was)} as flown, {len(would)} in the replay, {same} identical")
+    say(f"             first difference: a frame at {done.first_difference:.3f} s")
 
 
-def _say_ticks(done: Replayed, pilot: Pilot, was: Ticks | None) -> None:
+def _say_ticks(done: ReplayResult, pilot: Pilot, was: Ticks | None) -> None:
     """Print differences of estimates and commands, if the log has ticks, and the figures of the replay."""
     would = as_ticks(done.ticks)
     if was is not None:
         for gap in differences(was, would):
             name, unit = UNITS[gap.column]
-            far = f"differs by {gap.rms:.4g} {unit} RMS, {gap.largest:.4g} {unit} at most"
-            says = far if gap.largest > LAST_DIGIT else "the same"
-            say(f"  {name:<16} {says}, in {gap.ticks} ticks")
+            far = f"differs by {gap.rms:.4g} {unit} RMS, at most {gap.largest:.4g} {unit}"
+            difference = far if gap.largest > LAST_DIGIT else "the same"
+            say(f"  {name:<16} {difference}, in {gap.ticks} ticks")
     steered = sum(phase == "engaged" for phase in would.words["phase"])
     saturated = sum(record.saturated for record in done.ticks)
     say(f"  ticks      {len(done.ticks)}, {steered} of them steering, {saturated} at the turn-rate limit")
     refused = describe_rejected(dict(sorted(pilot.tracker.ranging.rejected.items())))
-    say(f"  ranges     {pilot.tracker.accepted} taken, rejected: {refused}")
+    say(f"  ranges     {pilot.tracker.accepted} accepted, rejected: {refused}")
     if pilot.mission.outcome is not None:
         early = done.ended is not None and done.until - done.ended > UNRECORDED
         until = f" (at {done.ended:.1f} s; the log goes on to {done.until:.1f} s)" if early else ""
         say(f"  outcome    {pilot.mission.outcome.ending.value}: {pilot.mission.outcome.reason}{until}")
 
 
-def _write(log: str, out: str | None, done: Replayed, was: Ticks | None, mission: Mission) -> None:
-    """Write picture and ticks if `out` is given. The picture comes first: it marks the ticks as those of a replay."""
+def _write(log: str, out: str | None, done: ReplayResult, was: Ticks | None, mission: Mission) -> None:
+    """Write picture and ticks if `out` is given. The picture comes first: it marks the ticks as replayed."""
     if out is None:
         return
     folder = Path(out)
@@ -240,7 +244,7 @@ def _say_who(sources: LogSources, adapter: Autopilot) -> None:
     if sources.vehicle is not None:
         system, component = sources.vehicle
         kind = sources.vehicles.get(sources.vehicle, "unknown")
-        say(f"  vehicle    system {system}, component {component}: {kind}, flown as {adapter.name}")
+        say(f"  vehicle    system {system}, component {component}: {kind}, autopilot {adapter.name}")
     ranging = sources.ranging
     for (message, source), counts in ranging.items():
         if counts.taken:
@@ -253,12 +257,12 @@ def _say_who(sources: LogSources, adapter: Autopilot) -> None:
         if (system, component) != sources.vehicle
     )
     for title, senders in (("unused", unused), ("others", others)):
-        said = list(senders)
-        if more := said[MOST_NAMED:]:
-            said[MOST_NAMED:] = [f"and {len(more)} more"]
-        if said:
-            say(f"  {title:<10} {'; '.join(said)}")
+        texts = list(senders)
+        if more := texts[MOST_NAMED:]:
+            texts[MOST_NAMED:] = [f"and {len(more)} more"]
+        if texts:
+            say(f"  {title:<10} {'; '.join(texts)}")
     if candidates := sources.candidates:
         keys = " or ".join(range_sources.differences(candidates))
-        done = "none is used beside another" if sources.ambiguous else "the first one received was used"
-        say(f"  WARNING    {len(candidates)} sensors fit the mission, {done}: name yours with {keys}")
+        done = "and none was used" if sources.ambiguous else "the first one received was used"
+        say(f"  WARNING    {len(candidates)} sensors fit the mission, {done}: select yours by {keys}")

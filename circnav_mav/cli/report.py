@@ -32,9 +32,9 @@ def report_run(folder: str, after_flight: bool) -> int:
     with refusing(folder, RunError, MissionError):
         run = open_run(Path(folder))
         if not len(run.ticks.time):
-            raise Refused(f"{folder}: an empty run, nothing was recorded", Exit.NOTHING_HEARD)
+            raise Refused(f"{folder}: an empty run, nothing was recorded", Exit.NOTHING_RECEIVED)
         if len(run.ticks.time) == 1:
-            raise Refused(f"{folder}: a single tick was recorded, too little for a report", Exit.NOTHING_HEARD)
+            raise Refused(f"{folder}: only one tick was recorded, a report needs two", Exit.NOTHING_RECEIVED)
         mission = _mission(run)
         if run.damage_text is not None:
             say(f"  WARNING    {run.damage_text}")
@@ -86,7 +86,7 @@ def _added(run: Run) -> str:
 
 
 def _settings(mission: Mission) -> dict[str, str]:
-    """Return all values of the mission by key, including defaults, without those of the bundled vehicle."""
+    """Return all values of the mission by key, including defaults, without the bundled vehicle's."""
     values = dict(_flat(mission.file.model_dump(exclude={"sim"}, exclude_none=True)))
     return values | {"law as flown": f"{mission.law.name}, k = {mission.law.gain:.4g}"}
 
@@ -101,17 +101,17 @@ def _flat(table: dict[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
 
 
 def _figures(run: Run, mission: Mission) -> dict[str, Any]:
-    """Return a summary computed from the ticks, with other values as far as known without summary.json."""
+    """Return a summary computed from the ticks, with the other values that the run has without summary.json."""
     manifest, counts = run.manifest, run.ticks.numbers
     engaged, flown = map(run.summary.get, ("engaged_s", "flown_s"))
-    # last known value of an increasing count
+    # newest value of an increasing count
     accepted, rejected = (int(np.nanmax(counts[name], initial=0)) for name in ("accepted", "rejected"))
     return summarise(
         FlightFacts(
             mission=run.name,
-            voice=manifest.get("voice") or "fly",
+            voice=run.output_mode,
             outcome=manifest.get("outcome") or "unfinished",
-            reason=manifest.get("reason") or "the process ended before the flight did",
+            reason=manifest.get("reason") or "the process ended before the flight",
             orbit=mission.orbit,
             samples_accepted=accepted,
             samples_rejected={"in all": rejected} if rejected else {},
@@ -119,7 +119,7 @@ def _figures(run: Run, mission: Mission) -> dict[str, Any]:
             firmware=None,
             version=str(manifest.get("versions", {}).get("circnav", __version__)),
             epoch_us=run.epoch_us,
-            recording_problem="no whole summary.json: the figures are of what was recorded",
+            recording_problem="summary.json is missing or incomplete: figures from the recorded ticks",
             engaged_s=engaged,
             until_s=None if engaged is None or flown is None else engaged + flown,
             later_radii=mission.radii[1:],

@@ -10,14 +10,15 @@ import click
 
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.extension import extensions
+from circnav_mav.pilot.loop_step import OLD_STEPS, STEPS
 from circnav_mav.runtime.clock import unix_time
 from circnav_mav.runtime.lock import is_held
 
 HOURS = {"h": 1, "d": 24, "w": 168}
-NEEDED = frozenset({"flight.tlog", "mission.toml", "ticks.csv", "turns.csv"})
-"""Files that each run folder holds from its start."""
-MADE = NEEDED | {"manifest.json", "summary.json", "error.txt", "flight.png", "estimates.png", "report.html",
-                 "replay.png"}  # fmt: skip
+NEEDED = frozenset({"flight.tlog", "mission.toml", "ticks.csv"})
+"""Files that each run folder holds from its start, besides the file of steps."""
+MADE = NEEDED | {STEPS, OLD_STEPS, "manifest.json", "summary.json", "error.txt", "flight.png", "estimates.png",
+                 "report.html", "replay.png"}  # fmt: skip
 """All files that the core writes into a run folder."""
 
 
@@ -40,7 +41,7 @@ def clean_runs(folder: str, older_than: str, keep: int, yes: bool) -> int:
         for run in old:
             say(f"{run.size / 1e6:8.1f} MB  {run.folder}{run.kept and f'   kept: {run.kept}'}")
         size = sum(run.size for run in doomed) / 1e6
-        which = f"older than {older_than}, without the newest {keep}"
+        which = f"older than {older_than}, except the newest {keep}"
         say(f"{len(doomed)} of {len(found)} runs: {which}: {size:.1f} MB")
         if doomed and not yes and not sys.stdin.isatty():
             say("Nothing is deleted without --yes.")
@@ -58,11 +59,11 @@ def find_runs(folder: Path) -> list[RunFolder]:
         if place.is_symlink() or not place.is_dir():
             continue
         files = {path.name: path for path in place.iterdir()}
-        if set(files) >= NEEDED:
+        if set(files) >= NEEDED and {STEPS, OLD_STEPS} & set(files):
             size = sum(path.lstat().st_size for path in files.values())
             foreign = ", ".join(sorted(set(files) - made))
             flies = "its flight is being recorded" if is_held(files["flight.tlog"]) else ""
-            kept = flies or (foreign and f"{foreign} is not circnav's")
+            kept = flies or (foreign and f"{foreign} is not a file of circnav")
             found.append(RunFolder(place, files["flight.tlog"].stat().st_mtime, size, kept))
     return found
 

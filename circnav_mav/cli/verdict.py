@@ -33,7 +33,7 @@ def verdict(summary: dict[str, Any], folder: Path) -> str:
 
 
 def _refused(rejected: dict[str, int]) -> str:
-    """Return the counts of rejected ranges, and separately of those of other senders, which are harmless."""
+    """Return the counts of rejected ranges, and separately of ranges of other senders, which are harmless."""
     own = {reason: count for reason, count in sorted(rejected.items()) if reason not in OTHERS}
     others = sum(rejected.values()) - sum(own.values())
     ignored = f"; {others} of other senders ignored" if others else ""
@@ -53,13 +53,13 @@ def _circle(summary: dict[str, Any]) -> list[str]:
     ]
     if len(circles) < len(wanted):
         left = ", ".join(f"{radius:g} m" for radius in wanted[len(circles) :])
-        lines.append(f"  WARNING    circle of {left} not begun: the one before was not flown to its end")
+        lines.append(f"  WARNING    circle of {left} not begun: the circle before it was not completed")
     lines.append(f"  desired    {desired:g} m {summary['direction']}, flown {flown:.0f} s{of_these}; last third:")
     lines.append(f"  estimated  {_figures(summary, desired)}")
     if truth is not None:
         lines.append(f"  truth      {_figures(truth, desired)}")
         right = "as desired" if truth["direction"] == summary["direction"] else "NOT AS DESIRED"
-        rotation = f"{truth['direction']} ({right})" if truth["direction"] else "not known yet"
+        rotation = f"{truth['direction']} ({right})" if truth["direction"] else "unknown"
         lines.append(f"             rotation {rotation}, closest approach {truth['closest_approach_m']:.1f} m")
     else:
         commanded = summary["direction_commanded"] or "none"
@@ -85,7 +85,7 @@ def _turn(summary: dict[str, Any]) -> list[str]:
 
 def _figures(figures: dict[str, Any], desired: float) -> str:
     if figures["radius_mean_m"] is None:
-        return "radius not known"
+        return "radius unknown"
     settled = "never settled" if figures["settled_s"] is None else f"settled after {figures['settled_s']:.0f} s"
     mean, rms = figures["radius_mean_m"], figures["radius_rms_error_m"]
     return f"{settled}, radius {mean:.2f} m, RMS error {rms:.2f} m ({100 * rms / desired:.2f} %)"

@@ -8,12 +8,12 @@ from circnav_mav.guidance.types import OwnMotion
 SHORT = 0.95
 """Share of the commanded turn below which a bank counts as limited, both smoothed over 1 s. A smaller reduction matters
 less than the lag between the two."""
-STANDS, STANDS_FOR = 0.03, 1.0
+STEADY, STEADY_FOR = 0.03, 1.0
 """Steady bank: largest difference from its mean over 1 s, as a share, and least duration, s. A rolling vehicle has no
 steady bank."""
 STOOD_LEAST, STOOD_MOST = 0.5, 20.0
 """Time at the limit, s, before it is used, and time constant of its average, s: 1 % of it is 0.3 m of radius."""
-LONGEST_FELT = 1.0
+LONGEST_BANK_INTERVAL = 1.0
 """Longest time, s, from one report to the next for which a bank is integrated."""
 
 
@@ -48,13 +48,13 @@ class BankLimit(NamedTuple):
         over 1 s, rad/s."""
         time, now, step = own.time, own.bank_turn or 0.0, own.time - self.time
         short = abs(banked) < SHORT * abs(commanded)
-        stands = short and banked * commanded > 0 and abs(now - banked) < STANDS * abs(banked)
-        since = min(self.since, time) if stands else time
+        steady = short and banked * commanded > 0 and abs(now - banked) < STEADY * abs(banked)
+        since = min(self.since, time) if steady else time
         after = self._replace(time=time, heading=own.heading, since=since, short=short)
         # Commands may exceed the found limit. A bank above it shows that it was found too low: discard it.
-        if abs(banked) > (1 + STANDS) * self.bank:
+        if abs(banked) > (1 + STEADY) * self.bank:
             return after._replace(stood=0.0, banked=0.0, turned=0.0)
-        if time - since < STANDS_FOR or not 0 < step <= LONGEST_FELT:
+        if time - since < STEADY_FOR or not 0 < step <= LONGEST_BANK_INTERVAL:
             return after
         kept = exp(-step / STOOD_MOST)
         turned = abs(remainder(own.heading - self.heading, 2 * pi))

@@ -1,17 +1,17 @@
 """Control loop of one vehicle, from an estimate to a commanded turn rate. For the pilot and `circnav_mav.Guidance`.
 
 The turn rate comes from the law, or is the steady turn of the circle while ranges are missing. Corrections: radius
-trim, pending turn and turn gain. `TurnAnswer` learns the response of the vehicle and monitors it.
+trim, pending turn and turn gain. `LearnedResponse` learns the response of the vehicle and monitors it.
 """
 
 from collections.abc import Callable
 
-from circnav_mav.guidance.step import Flies, LawChoice, Steering, compensate_turn_gain, holding
-from circnav_mav.guidance.turn_answer import TurnAnswer
+from circnav_mav.guidance.step import ActiveLaw, LawChoice, Steering, compensate_turn_gain, holding
+from circnav_mav.guidance.turn_answer import LearnedResponse
 from circnav_mav.guidance.types import Orbit, OwnMotion, RangeEstimate, TurnCommand
 from circnav_mav.guidance.watches import next_trim
 
-DRIFT = Flies.DRIFT.name.lower()
+DRIFT = ActiveLaw.DRIFT.name.lower()
 LONGEST_TRIM_STEP = 0.2
 """Longest time step of the radius integral, s: an error is not integrated over a gap."""
 
@@ -20,7 +20,11 @@ class ClosedLoop:
     """Control loop. orbit: current circle. answer: response of the vehicle to turn commands, learned in flight."""
 
     def __init__(
-        self, orbit: Orbit, law: LawChoice | Callable[..., TurnCommand], answer: TurnAnswer, radius_trim: float = 0.0
+        self,
+        orbit: Orbit,
+        law: LawChoice | Callable[..., TurnCommand],
+        answer: LearnedResponse,
+        radius_trim: float = 0.0,
     ) -> None:
         """law: a choice from `LAWS`, or a function with the arguments of `Steering`. radius_trim: rate of the slow
         integral on the mean radius, 1/s. Raises ValueError if this gain has no radius correction."""
@@ -36,9 +40,9 @@ class ClosedLoop:
         self._steer.change(orbit, law)
         self.orbit, self._trim = orbit, self._trim if keeps_trim else 0.0
 
-    def feel(self, own: OwnMotion, nose: OwnMotion) -> bool:
+    def on_motion(self, own: OwnMotion, nose: OwnMotion) -> bool:
         """Learn from own motion. Return True if the vehicle is commanded. nose: motion as reported."""
-        commanded = self.answer.feel(own)
+        commanded = self.answer.on_motion(own)
         if commanded:
             self.answer.watch(nose)
         return commanded
@@ -71,7 +75,7 @@ class ClosedLoop:
         # Without the target position, the approach is slow. Its error would be integrated, and the vehicle would fly on
         # the other side of the circle for half a minute afterwards.
         approaches = command.flies not in ("", DRIFT)
-        if before is not None and self._rate > 0 and self.answer.by_command.followed and not approaches:
+        if before is not None and self._rate > 0 and self.answer.command_gain.followed and not approaches:
             step = estimate.time - before[0]
             self._trim = next_trim(
                 self._trim,

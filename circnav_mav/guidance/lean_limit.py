@@ -28,7 +28,7 @@ PRIOR = 1.0
 """Weight of the prior, a drag of 0, m^2/s: keeps the fit defined on a straight path."""
 SHORT = 0.95
 """Share of the required push below which a copter leans too little: the fit has a few percent of error in turns."""
-STANDS, STANDS_FOR = radians(1.5), 1.0
+STEADY, STEADY_FOR = radians(1.5), 1.0
 """A steady lean: largest difference from its mean over a second, rad, and least duration, s. PX4's estimate of it
 varies by 1 deg RMS within seconds."""
 AGAIN = 3.0
@@ -75,18 +75,18 @@ class LeanLimit(NamedTuple):
         asked += kept * (self.asked - asked)
         short = self.turned >= LEARNT_AFTER and size < SHORT * asked
         lean = atan(size / GRAVITY)
-        stands = short and abs(atan(abs(push) / GRAVITY) - lean) < STANDS and lean > self.most - NEAR_MOST
+        steady = short and abs(atan(abs(push) / GRAVITY) - lean) < STEADY and lean > self.most - NEAR_MOST
         after = self._replace(
             time=own.time, turned=self.turned + abs(own.turn_rate) * step, push=size, asked=asked,
-            most=max(self.most, lean), since=min(self.since, own.time) if stands else inf,
+            most=max(self.most, lean), since=min(self.since, own.time) if steady else inf,
             # A limited push does not show drag and wind.
             sums=self.sums if short else self._learnt(v, push - turn, step),
         )  # fmt: skip
-        if own.time - after.since < STANDS_FOR or own.time - self.lowered_at < EVERY:
+        if own.time - after.since < STEADY_FOR or own.time - self.lowered_at < EVERY:
             return after
         # In gusts a lean may be steady once by chance. At a limit it is steady again at the same angle, or for longer.
-        if abs(lean - self.stood) > STANDS or own.time - self.stood_at < AGAIN:
-            return after if abs(lean - self.stood) <= STANDS else after._replace(stood=lean, stood_at=own.time)
+        if abs(lean - self.stood) > STEADY or own.time - self.stood_at < AGAIN:
+            return after if abs(lean - self.stood) <= STEADY else after._replace(stood=lean, stood_at=own.time)
         return after._replace(found=size, share=max(LOWERED * self.share, LEAST), lowered_at=own.time)
 
     def _learnt(self, v: complex, push: complex, step: float) -> tuple[complex, ...]:

@@ -116,7 +116,7 @@ class _Slope(NamedTuple):
     @property
     def words(self) -> str:
         """Human-readable description."""
-        advice = ", the opposite: see ranging.rate_sign" if self.opposite(0.25) else ""
+        advice = ", opposite sign: see ranging.rate_sign" if self.opposite(0.25) else ""
         return f"reported {self.change + self.off:+.1f} m/s, ranges change by {self.change:+.1f} m/s{advice}"
 
     def opposite(self, within: float) -> bool:

@@ -46,7 +46,7 @@ CHANGE_TIME = 1.3
 moment. With a shorter time constant this would count as a change of the wind."""
 CIRCLING_PATIENCE = 10.0
 """Time, s, for which acquisition on the circle flies no hypothesis."""
-FIRST_GUESS = 1.0
+FIRST_TRIAL = 1.0
 """Time of acquisition, s, before its most likely hypothesis is flown."""
 PATIENCE = 6.0
 """Time, s, without a trusted target position after which the excitation starts."""
@@ -112,7 +112,7 @@ class Inputs(NamedTuple):
     share: Number = 1.0
 
 
-class Flies(IntEnum):
+class ActiveLaw(IntEnum):
     """Law that steers."""
 
     FEEDFORWARD = 0
@@ -121,9 +121,9 @@ class Flies(IntEnum):
 
 
 WHY = {
-    Flies.FEEDFORWARD: "feedforward: the target is not found yet",
-    Flies.TRIAL: "trying the likeliest place of the target",
-    Flies.DRIFT: "drift: target and drift are known",
+    ActiveLaw.FEEDFORWARD: "feedforward: no target position yet",
+    ActiveLaw.TRIAL: "flying to the likeliest target position",
+    ActiveLaw.DRIFT: "drift: target and drift are estimated",
 }
 
 
@@ -131,7 +131,7 @@ class Handover(NamedTuple):
     """State of the handover between laws. flies: the law that steered last; -1: none. most_likely: number of the
     hypothesis flown last; -1: none. command: last command, rad/s. offset: decaying rest of the last change, rad/s.
     untrusted: time since the target position was last trusted, s. about: side of the turn during a departure, +1 left,
-    else 0."""
+    else 0. searched: duration of the present search, s."""
 
     flies: Array = -1
     most_likely: Array = -1
@@ -139,6 +139,7 @@ class Handover(NamedTuple):
     offset: Array = 0.0
     untrusted: Array = 0.0
     about: Array = 0.0
+    searched: Array = 0.0
 
 
 AT_START = Handover()
@@ -155,12 +156,12 @@ def next_handover(
     not flying away from the target, 1: flying away at full speed.
     """
     untrusted = where(trusted, 0.0, before.untrusted + dt)
-    trial = logical_not(trusted) & (most_likely >= 0) & (untrusted >= FIRST_GUESS - SAME_TIME)
-    flies = where(trusted, Flies.DRIFT, where(trial, Flies.TRIAL, Flies.FEEDFORWARD))
+    trial = logical_not(trusted) & (most_likely >= 0) & (untrusted >= FIRST_TRIAL - SAME_TIME)
+    flies = where(trusted, ActiveLaw.DRIFT, where(trial, ActiveLaw.TRIAL, ActiveLaw.FEEDFORWARD))
     on_trial = where(trial, most_likely, -1)
-    weave = EXCITATION_SHARE * limit * sin(2 * pi * untrusted / EXCITATION_PERIOD)
-    drift_turn = drift_turn + where(trial & (untrusted > PATIENCE + SAME_TIME), weave, 0.0)
-    wanted = clip(where(flies == Flies.FEEDFORWARD, by_range, drift_turn), -limit, limit)
+    excitation = EXCITATION_SHARE * limit * sin(2 * pi * untrusted / EXCITATION_PERIOD)
+    drift_turn = drift_turn + where(trial & (untrusted > PATIENCE + SAME_TIME), excitation, 0.0)
+    wanted = clip(where(flies == ActiveLaw.FEEDFORWARD, by_range, drift_turn), -limit, limit)
     # A half circle to either side ends the departure, and the tightest one costs the least distance. Keep the side:
     # hypotheses and excitation change the sign of the command, and alternating turns would lead straight away from the
     # target.
@@ -169,7 +170,8 @@ def next_handover(
     wanted = wanted + leaves * (about * limit - wanted)
     changed = (before.flies >= 0) & ((flies != before.flies) | (on_trial != before.most_likely))
     offset = where(changed, before.command - wanted, before.offset * exp(-dt / FADE))
-    return Handover(flies, on_trial, clip(wanted + offset, -limit, limit), offset, untrusted, about)
+    searched = where(trusted, 0.0, before.searched + dt)
+    return Handover(flies, on_trial, clip(wanted + offset, -limit, limit), offset, untrusted, about, searched)
 
 
 class StepState(NamedTuple):
@@ -207,16 +209,19 @@ def _with_relative_motion(
     if relative is not None:
         # The difference between the drift and its low-pass gives its rate of change. The low-pass starts with the
         # drift law.
-        follows, share = before.handover.flies == Flies.DRIFT, dt / (CHANGE_TIME + dt)
+        follows, share = before.handover.flies == ActiveLaw.DRIFT, dt / (CHANGE_TIME + dt)
         drift_x = where(follows, drift_x + share * (relative.drift_x - drift_x), relative.drift_x)
         drift_y = where(follows, drift_y + share * (relative.drift_y - drift_y), relative.drift_y)
         change = (relative.drift_x - drift_x) / CHANGE_TIME, (relative.drift_y - drift_y) / CHANGE_TIME
         (by_drift, offset), trusted = _by_drift(settings, relative, change, inputs), relative.trusted
+    # Without relative motion there is no search: a vehicle that does not follow its commands for a minute has no known
+    # path. Its search begins when it follows again.
+    last = before.handover if relative is not None else before.handover._replace(searched=0.0)
     handover = next_handover(
-        before.handover, dt, trusted=trusted, most_likely=_tried(before.handover, settings, inputs),
+        last, dt, trusted=trusted, most_likely=_tried(last, settings, inputs),
         by_range=by_range, drift_turn=by_drift, limit=settings.limit, leaves=_leaves(settings, inputs),
     )  # fmt: skip
-    demanded = where(handover.flies == Flies.FEEDFORWARD, by_range, by_drift)
+    demanded = where(handover.flies == ActiveLaw.FEEDFORWARD, by_range, by_drift)
     cut: Any = magnitude(handover.command) >= AT_LIMIT * settings.limit
     after = StepState(inputs.time, before.memory, handover, drift_x, drift_y, where(trusted, offset, 0.0))
     return after, TurnCommand(s * handover.command, s * demanded, cut)
@@ -231,7 +236,7 @@ def _tried(before: Handover, settings: StepSettings, inputs: Inputs) -> Array:
         return -1
     near = magnitude(inputs.r - settings.r_d) < NEAR * settings.r_d
     circling = near & (magnitude(inputs.r_dot) < ALONG * settings.V)
-    patient = before.untrusted < CIRCLING_PATIENCE - SAME_TIME
+    patient = before.searched < CIRCLING_PATIENCE - SAME_TIME
     return where(relative.drift_remembered & circling & patient, -1, relative.trial)
 
 

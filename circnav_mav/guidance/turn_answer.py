@@ -3,7 +3,7 @@
 from collections import deque
 from math import inf, pi, remainder
 
-from circnav_mav.guidance.bank_limit import LONGEST_FELT, BankLimit
+from circnav_mav.guidance.bank_limit import LONGEST_BANK_INTERVAL, BankLimit
 from circnav_mav.guidance.maths import Array
 from circnav_mav.guidance.pending_turn import Pending, PendingTurn
 from circnav_mav.guidance.turn_gain import TurnGain, learn
@@ -16,7 +16,7 @@ MEASUREMENT_DELAY = 0.2
 same delay. With gains for the delay of the bank alone, LoRa-like ranges cost 2.7 instead of 1.9 m of radius there."""
 SILENCE = 1.0
 """Pause of the commands, s, after which vehicles change to their default: brake, hover, loiter."""
-DEAF_AFTER = 1.0
+UNRESPONSIVE_AFTER = 1.0
 """Time of not turning as commanded, s, after which a vehicle counts as unresponsive: reversing a turn takes less."""
 OBEYS_AFTER = 2.0
 """Time of turning as commanded, s, after which learning resumes. By then the response model no longer contains the
@@ -26,10 +26,10 @@ TAKEN_BACK = 4.0
 3 s. While the commands do not change, this looks like following."""
 
 
-class TurnAnswer:
+class LearnedResponse:
     """Learned response of a vehicle, and the commanded turn that it has not flown yet.
 
-    by_command: flown over commanded turn rate. by_bank: flown turn rate over the coordinated turn rate of the
+    command_gain: flown over commanded turn rate. bank_gain: flown turn rate over the coordinated turn rate of the
     bank; None until a commanded vehicle has reported a bank. link: round-trip delay, s. bank_limit: the autopilot's, as
     found in flight.
     """
@@ -38,16 +38,16 @@ class TurnAnswer:
         """lag: initial delay from a command to its turn, s. limit: of the commands, rad/s. gain: flown over commanded
         turn rate; None: learned."""
         self._gain, self._limit, self.link = gain, limit, link
-        self.by_command = TurnGain(gain=gain or 1.0)
-        self.by_bank: TurnGain | None = None
+        self.command_gain = TurnGain(gain=gain or 1.0)
+        self.bank_gain: TurnGain | None = None
         self.bank_limit = BankLimit()
         self._learner, self._pending = ResponseLearner(lag), PendingTurn()
         self.monitor = TurnMonitor(limit)
         self._bins = TurnBins(self._learner.candidates)
         self._nose = 0.0
-        self._turned, self._felt_at = 0.0, inf
+        self._turned, self._bank_at = 0.0, inf
         self._commanded: float | None = None
-        self._followed_at = self._deaf_at = -inf
+        self._followed_at = self._unresponsive_at = -inf
         self._lessons: deque[tuple[float, TurnGain, Knowledge]] = deque()
         """Snapshots of the learned state over the last seconds."""
         self._commanded_at = -inf
@@ -55,7 +55,7 @@ class TurnAnswer:
     @property
     def gain(self) -> float:
         """Flown over commanded turn rate, as used now."""
-        return self._gain or float((self.by_bank or self.by_command).gain)
+        return self._gain or float((self.bank_gain or self.command_gain).gain)
 
     @property
     def most(self) -> float:
@@ -69,7 +69,7 @@ class TurnAnswer:
 
     def pending(self, now: float, turn_rate: Array) -> Pending:
         """Return the commanded turn that is not flown yet. turn_rate: of the vehicle now, rad/s."""
-        late = 0.0 if self.by_bank is None else MEASUREMENT_DELAY
+        late = 0.0 if self.bank_gain is None else MEASUREMENT_DELAY
         return self._pending.at(now, self.response, turn_rate)._replace(measurement_delay=late, most=self.most)
 
     def command(self, now: float, rate: float) -> None:
@@ -91,53 +91,55 @@ class TurnAnswer:
             begun = self._learner.candidates.begun
             self.monitor.take(TurnBin(nose.time, new.predicted.ravel(), new.turned, commanded), begun)
 
-    def feel(self, own: OwnMotion) -> bool:
+    def on_motion(self, own: OwnMotion) -> bool:
         """Learn from the vehicle's heading, or bank. Return True if the vehicle is commanded."""
         if own.bank_turn is None:
             self._turned += remainder(own.heading - self._turned, 2 * pi)
         else:
-            self._turned += own.bank_turn * min(max(own.time - self._felt_at, 0.0), LONGEST_FELT)
-            self._felt_at = own.time
+            self._turned += own.bank_turn * min(max(own.time - self._bank_at, 0.0), LONGEST_BANK_INTERVAL)
+            self._bank_at = own.time
         if self._commanded is None:
             return False
-        if own.time - self._deaf_at > OBEYS_AFTER:
-            self._learner.feel(own.time, self._turned, self.link)
+        if own.time - self._unresponsive_at > OBEYS_AFTER:
+            self._learner.on_motion(own.time, self._turned, self.link)
         else:
             self._learner.skip()
         if own.bank_turn is not None:
             # Use the reported bank, not the commanded one: a lower bank limit of the autopilot must not lower the gain.
-            before = self.by_bank or TurnGain()
-            self.by_bank = learn(before, lag=0.0, time=own.time, heading=own.heading, command=own.bank_turn)
+            before = self.bank_gain or TurnGain()
+            self.bank_gain = learn(before, lag=0.0, time=own.time, heading=own.heading, command=own.bank_turn)
         # Use the learned delay. With the lag of the mission, a copter with a faster response looked unresponsive.
         lag = self.response.delay
-        self.by_command = learn(self.by_command, lag=lag, time=own.time, heading=own.heading, command=self._commanded)
-        if self.by_bank is not None and own.bank_turn is not None:
-            commanded, banked = float(self.by_command.smooth_command), float(self.by_bank.smooth_command)
+        self.command_gain = learn(
+            self.command_gain, lag=lag, time=own.time, heading=own.heading, command=self._commanded
+        )
+        if self.bank_gain is not None and own.bank_turn is not None:
+            commanded, banked = float(self.command_gain.smooth_command), float(self.bank_gain.smooth_command)
             self.bank_limit = self.bank_limit.follow(own, commanded, banked)
         self._watch_obedience(own.time)
         return True
 
     def _watch_obedience(self, now: float) -> None:
         """Discard recent learning if the vehicle turned out unresponsive: over a dead uplink its turns mean nothing."""
-        lessons, followed = self._lessons, bool(self.by_command.followed)
+        lessons, followed = self._lessons, bool(self.command_gain.followed)
         self._followed_at = now if followed or self._followed_at == -inf else self._followed_at
-        if now - self._followed_at > DEAF_AFTER:
+        if now - self._followed_at > UNRESPONSIVE_AFTER:
             if lessons:
                 # Restore the oldest snapshot, from before the vehicle stopped following.
                 _, gain, knowledge = lessons[0]
-                self.by_command = self.by_command._replace(gain=gain.gain, square=gain.square, product=gain.product)
+                self.command_gain = self.command_gain._replace(gain=gain.gain, square=gain.square, product=gain.product)
                 self._learner.knowledge = knowledge
                 lessons.clear()
-            self._deaf_at = now
-        elif followed and now - self._deaf_at > OBEYS_AFTER and (not lessons or now - lessons[-1][0] >= 1.0):
-            lessons.append((now, self.by_command, self._learner.knowledge))
+            self._unresponsive_at = now
+        elif followed and now - self._unresponsive_at > OBEYS_AFTER and (not lessons or now - lessons[-1][0] >= 1.0):
+            lessons.append((now, self.command_gain, self._learner.knowledge))
             while now - lessons[0][0] > TAKEN_BACK + 1.0:
                 lessons.popleft()
 
     def reset(self) -> None:
         """Stop learning and forget the commands. Call when the vehicle is no longer controlled from here."""
         self._commanded = None
-        self._followed_at = self._deaf_at = -inf
+        self._followed_at = self._unresponsive_at = -inf
         self._lessons.clear()
         self._learner.reset()
         self._bins.reset()

@@ -17,7 +17,7 @@ PRIOR = 0.01
 """Weight of the initial gain 1, (rad/s)^2 s."""
 LOWEST, HIGHEST = 0.6, 1.25
 """Bounds of the gain."""
-DEAF = 1 / 3
+UNRESPONSIVE_BELOW = 1 / 3
 """Fraction of the commanded turn below which a vehicle counts as not following."""
 LEAST_COMMAND = 0.02
 """Commanded turn rate, rad/s, below which noise hides whether the vehicle follows."""
@@ -59,15 +59,15 @@ def learn(state: TurnGain, *, lag: Number, time: Number, heading: Number, comman
     smooth = 1 - exp(-step / SMOOTHING)
     follow = where(lag > 0, 1 - exp(-step / maximum(lag, 1e-9)), 1.0)
     lagged = state.lagged + (command - state.lagged) * follow
-    told = state.smooth_command + (lagged - state.smooth_command) * smooth
+    smoothed = state.smooth_command + (lagged - state.smooth_command) * smooth
     rate = state.smooth_rate + (turned / maximum(step, 1e-9) - state.smooth_rate) * smooth
-    followed = _followed(rate, told)
+    followed = _followed(rate, smoothed)
     age = where(followed, state.age + step, 0.0)
     # Before that, the low-pass still contains its start, or turns that did not follow.
     learns = followed & (age >= 4 * SMOOTHING - SAME_TIME)
     forget = exp(-step / MEMORY)
-    square = where(learns, state.square * forget + told**2 * step, state.square)
-    product = where(learns, state.product * forget + told * rate * step, state.product)
+    square = where(learns, state.square * forget + smoothed**2 * step, state.square)
+    product = where(learns, state.product * forget + smoothed * rate * step, state.product)
     gain = clip((product + PRIOR) / (square + PRIOR), LOWEST, HIGHEST)
     return TurnGain(
         gain=where(learns, gain, state.gain),
@@ -75,7 +75,7 @@ def learn(state: TurnGain, *, lag: Number, time: Number, heading: Number, comman
         heading=where(step == 0, where(begins, heading, state.heading), heading),
         smooth_rate=where(begins, command, rate),
         lagged=where(begins, command, lagged),
-        smooth_command=where(begins, command, told),
+        smooth_command=where(begins, command, smoothed),
         age=where(begins, 0.0, age),
         square=square,
         product=product,
@@ -83,4 +83,4 @@ def learn(state: TurnGain, *, lag: Number, time: Number, heading: Number, comman
 
 
 def _followed(rate: Number, command: Number) -> Flag:
-    return (magnitude(command) < LEAST_COMMAND) | (rate * command > DEAF * command**2)
+    return (magnitude(command) < LEAST_COMMAND) | (rate * command > UNRESPONSIVE_BELOW * command**2)

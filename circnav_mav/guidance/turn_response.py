@@ -206,7 +206,7 @@ class ResponseLearner:
         """Discard the current bin. Call while the vehicle does not follow: its turns are no responses."""
         self._bins.reset()
 
-    def feel(self, time: float, turned: float, link: float) -> None:
+    def on_motion(self, time: float, turned: float, link: float) -> None:
         """Learn from the turned angle (rad, unwrapped, any origin) at a time (s). link: round trip, s."""
         if (new := self._bins.take(time, turned, link)) is not None:
             self._learn(new.predicted, new.turned, new.width)

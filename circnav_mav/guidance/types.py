@@ -57,7 +57,7 @@ class RateSample(NamedTuple):
     sigma: float
 
 
-class FeltVelocity(NamedTuple):
+class IntegratedAcceleration(NamedTuple):
     """Integral of the measured horizontal acceleration since a time (s), m/s."""
 
     x: float
@@ -83,7 +83,7 @@ class OwnMotion(NamedTuple):
     bank: float = 0.0
     pitch: float = 0.0
     push: tuple[float, float] | None = None
-    felt: FeltVelocity | None = None
+    felt: IntegratedAcceleration | None = None
 
 
 class RelativeMotion(NamedTuple):
@@ -92,8 +92,8 @@ class RelativeMotion(NamedTuple):
     x, y: vehicle minus target, m. sigma: standard deviation of the position, m. drift_x, drift_y: wind minus target
     velocity, m/s. heading (rad), turn_rate (rad/s): own motion at this moment. airspeed: true, m/s. scale: true over
     measured airspeed. trusted: True if it may steer. trial: number of the hypothesis; None (in arrays -1) if it is no
-    hypothesis. drift_remembered: True if acquisition started with an earlier drift estimate. feels: weight of the
-    measured accelerations, 0 to 1. drift_covariance: xx, xy, yy of the steady part of the drift, (m/s)^2; None in
+    hypothesis. drift_remembered: True if acquisition started with an earlier drift estimate. acceleration_weight: of
+    the measured accelerations, 0 to 1. drift_covariance: xx, xy, yy of the steady part of the drift, (m/s)^2; None in
     experiments.
     """
 
@@ -109,7 +109,7 @@ class RelativeMotion(NamedTuple):
     trusted: bool
     trial: int | None = None
     drift_remembered: bool = False
-    feels: float = 0.0
+    acceleration_weight: float = 0.0
     drift_covariance: tuple[float, float, float] | None = None
 
     @property

@@ -124,8 +124,8 @@ def drift(
     # along the lap.
     under_way = pending.turn - wrap(late - turns / 2 - now)
     # Prefer the side of the pending turn: a turn to the other side first has to cancel it.
-    favoured = _outward(hypot(p[0], p[1]), V / max_turn_rate, r_d) + pending.turn
-    error = wrap(now - psi - favoured) + favoured
+    preferred = _outward(hypot(p[0], p[1]), V / max_turn_rate, r_d) + pending.turn
+    error = wrap(now - psi - preferred) + preferred
     return turns / (2 * STEP) + gains.heading * (error - under_way)
 
 

@@ -19,7 +19,7 @@ PASS, WARN, FAIL = Grade
 class Check:
     grade: Grade
     subject: str
-    says: str
+    text: str
 
 
 def graded(value: float, *, warn_above: float, fail_above: float) -> Grade:

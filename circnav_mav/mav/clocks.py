@@ -218,7 +218,7 @@ class ClockSpeed:
         self.noticed: float | None = None
         """First deviating speed that was found."""
 
-    def heard(self, boot: float, now: float) -> None:
+    def received(self, boot: float, now: float) -> None:
         """Process a time since boot, s, that arrived now."""
         if self._began is None or boot < self._began[1]:
             self._began = (now, boot)
@@ -313,13 +313,13 @@ class Timesync:
         return min(self.trips, default=0.0) / 2
 
     def slower(self, since: float, now: float) -> float:
-        """Return `told(since, now)`. If it is infinite and no request was sent since then, send one at once."""
-        told = self.told(since, now)
-        if told == float("inf") and max(self._asked.values(), default=float("-inf")) < since:
+        """Return `delay_increase`. If it is infinite and no request was sent since then, send one at once."""
+        increase = self.delay_increase(since, now)
+        if increase == float("inf") and max(self._asked.values(), default=float("-inf")) < since:
             self._next = now
-        return told
+        return increase
 
-    def told(self, since: float, now: float) -> float:
+    def delay_increase(self, since: float, now: float) -> float:
         """Return the largest increase of the link delay since then, s, from the shortest round trips.
 
         Infinite until a round trip since then is measured; 0 if the vehicle does not answer.
@@ -354,7 +354,7 @@ class Timesync:
             del self._asked[next(iter(self._asked))]
         return [dialect.MAVLink_timesync_message(0, self._newest)]
 
-    def heard(self, stamp: int, now: float) -> None:
+    def received(self, stamp: int, now: float) -> None:
         """Process an answer that mirrors a stamp. Answers to other senders' requests are ignored."""
         at = self._asked.pop(stamp, None)
         if at is None:

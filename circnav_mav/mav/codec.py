@@ -54,22 +54,22 @@ class LinkCounts:
     def describe(self) -> str:
         """Return one line: rejected frames, then bytes, frames, errors, systems and MAVLink version received."""
         if not self.bytes:
-            return "0 bytes heard"
+            return "0 bytes received"
         systems = ", ".join(f"{system}/{component}" for system, component in sorted(self.systems)) or "none"
         versions = "none" if not self.frames else "1 only" if self.version_1 == self.frames else "2"
-        heard = (
-            f"heard {self.bytes} bytes, {self.frames} frames, {self.bad} CRC or framing errors, "
+        line = (
+            f"received {self.bytes} bytes, {self.frames} frames, {self.bad} CRC or framing errors, "
             f"system/component ids: {systems}, MAVLink version: {versions}"
         )
         if self.signed and not self.has_key:
-            return f"{heard}; {self.signed} of the frames are signed, and ours may be refused: give [signing] key_file"
-        return f"{self._distrust()}; {heard}" if self.refused else heard
+            return f"{line}; {self.signed} of the frames are signed, and ours may be rejected: set signing.key_file"
+        return f"{self._distrust()}; {line}" if self.refused else line
 
     def _distrust(self) -> str:
         why = ", ".join(f"{count} {reason}" for reason, count in self.refused.items())
         if self.refused[Refusal.UNSIGNED.value] + self.refused[Refusal.WRONG.value] == self.frames:
-            return f"every frame heard is unsigned or wrongly signed ({why}): check signing.key_file"
-        return f"frames refused for their signature: {why}"
+            return f"every frame received is unsigned or wrongly signed ({why}): check signing.key_file"
+        return f"frames rejected by their signature: {why}"
 
 
 class Decoder:
@@ -114,7 +114,7 @@ class Decoder:
                 continue
             data, at = buffer[at : frame.end], frame.end
             self._count(frame, data)
-            if not self._believed(frame, data):
+            if not self._is_authentic(frame, data):
                 continue
             if frame.ident in self._wanted and (message := self._read(data)) is not None:
                 messages.append(message)
@@ -122,7 +122,7 @@ class Decoder:
         self._tail = buffer[at:] if self._stream and failures < _MOST_FAILURES else b""
         return messages
 
-    def _believed(self, frame: Frame, data: bytes) -> bool:
+    def _is_authentic(self, frame: Frame, data: bytes) -> bool:
         """Return True if the frame is accepted. Count a rejection."""
         refusal = None
         if self._signing is not None and frame.signed:

@@ -86,7 +86,7 @@ class CommandResult:
         return self.result is not None and not self.accepted
 
     @property
-    def said(self) -> str:
+    def answer(self) -> str:
         return "no answer" if self.result is None else RESULT_NAMES.get(self.result, f"result {self.result}")
 
 
@@ -212,7 +212,7 @@ def once(command: Command, target: Ids, confirmation: int = 0) -> Message:
 class _Stream:
     wanted: float
     asked: bool = False
-    heard: int = 0
+    received: int = 0
     ever: bool = False
     rate: float | None = None
     denied: bool = False
@@ -248,9 +248,9 @@ class StreamRequests:
             if stream.denied and not (self.by_group and ident in GROUPS and _flows(stream))
         ]
 
-    def heard(self, message_id: int) -> None:
+    def received(self, message_id: int) -> None:
         if message_id in self._streams:
-            self._streams[message_id].heard += 1
+            self._streams[message_id].received += 1
 
     def restart(self) -> None:
         """Request all streams again after a new link or a reboot."""
@@ -295,11 +295,11 @@ class StreamRequests:
         self._since, self._is_first_check = now, False
         low = []
         for message_id, stream in self._streams.items():
-            heard, stream.heard = stream.heard, 0
-            stream.ever |= heard > 0
+            received, stream.received = stream.received, 0
+            stream.ever |= received > 0
             if first and stream.asked:
                 continue  # it has flowed for a part of the time only
-            stream.rate = heard / elapsed
+            stream.rate = received / elapsed
             is_there = stream.ever or not stream.asked or message_id not in self._maybe
             if stream.rate < LOW * stream.wanted and is_there and not stream.denied:
                 low.append(message_id)

@@ -11,7 +11,7 @@ from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.codec import Ids, Message, ids
 from circnav_mav.mav.framing import V2
 
-SPEAKS_1 = "speaks MAVLink 1 only: set its port to MAVLink 2 (ArduPilot: SERIALn_PROTOCOL = 2)"
+MAVLINK_1_ONLY = "sends MAVLink 1 only: set its port to MAVLink 2 (ArduPilot: SERIALn_PROTOCOL = 2)"
 AUTOPILOT_COMPONENT = dialect.MAV_COMP_ID_AUTOPILOT1
 NO_AUTOPILOT = (dialect.MAV_AUTOPILOT_INVALID, dialect.MAV_AUTOPILOT_GENERIC)
 MOVES_AFTER = 1.5
@@ -22,9 +22,9 @@ MOST_MISFITS = 16
 """Rejected senders kept for the operator's message: bounds the memory that a hostile link can fill."""
 FLOODED = 3.0
 """Time after the last dropped bytes, s, at which a flood is over."""
-RIVAL_KEPT = 5.0
+SECOND_SENDER_KEPT = 5.0
 """Time, s, for which a second sender is reported: longer than heartbeat gaps on a lossy link."""
-STRANGERS_RATE, STRANGERS_BURST = 64_000.0, 32_000.0
+UNKNOWN_RATE, UNKNOWN_BURST = 64_000.0, 32_000.0
 """Limits for untrusted senders while the vehicle is connected: bytes per second, and bytes at once. Several other
 vehicles send less. In the worst case they use 2 % of the processor time, and leave the socket to the vehicle."""
 VEHICLE_NAME, OUR_NAME, RADIO_NAME = "the vehicle", "circnav", "the ranging radio"
@@ -62,7 +62,7 @@ class LinkSettings:
     component_id: int = 191
 
 
-class Rivals:
+class SecondSenders:
     """Second senders: they use the identity of a trusted sender from another address.
 
     The identity is the vehicle's, our own or the ranging radio's.
@@ -72,15 +72,15 @@ class Rivals:
         self._newest: dict[str, tuple[Sender, Sender, float]] = {}
         """Second sender, trusted sender and time of the last message, s, by identity."""
 
-    def heard(self, name: str, rival: Sender, trusted: Sender, now: float) -> None:
+    def received(self, name: str, rival: Sender, trusted: Sender, now: float) -> None:
         self._newest[name] = (rival, trusted, now)
 
     def recent(self, now: float) -> list[str]:
         """Return one line per identity for the operator."""
         return [
-            f"{name} has a second sender: {rival} is rejected, {trusted} counts"
+            f"{name} has a second sender: {rival} is rejected, {trusted} is used"
             for name, (rival, trusted, at) in self._newest.items()
-            if now - at <= RIVAL_KEPT
+            if now - at <= SECOND_SENDER_KEPT
         ]
 
 
@@ -88,7 +88,7 @@ class Allowance:
     """Byte budget for untrusted senders, so that a flood does not block the vehicle's messages."""
 
     def __init__(self) -> None:
-        self._left, self._at = STRANGERS_BURST, 0.0
+        self._left, self._at = UNKNOWN_BURST, 0.0
         self.dropped = 0
         """Bytes that were dropped."""
         self.dropped_at = float("-inf")
@@ -99,7 +99,7 @@ class Allowance:
 
     def take(self, size: int, now: float) -> bool:
         """Return True if this number of bytes may be read, and deduct it from the budget."""
-        self._left = min(self._left + STRANGERS_RATE * (now - self._at), STRANGERS_BURST)
+        self._left = min(self._left + UNKNOWN_RATE * (now - self._at), UNKNOWN_BURST)
         self._at = now
         if size > self._left:
             self.dropped, self.dropped_at = self.dropped + size, now
@@ -130,7 +130,7 @@ class Identity:
         """True once the vehicle was steered. From then on another address needs proof after any silence."""
         self.since = 0.0
         """Time at which the vehicle was found, or found again after a silence, s."""
-        self._heard_at = float("-inf")
+        self._received_at = float("-inf")
         """Time of the newest message of the vehicle's system from its address, s."""
         self._proven: tuple[Hashable, float] = (None, float("-inf"))
         """Newest other address that was proven to be the vehicle's, and the time of the proof, s."""
@@ -138,15 +138,15 @@ class Identity:
         self.vehicles: dict[int, Hashable] = {}
         """Address of the newest autopilot heartbeat, by system id."""
         self.misfits: dict[Ids, str] = {}
-        self.rivals = Rivals()
+        self.second_senders = SecondSenders()
 
     @property
-    def strangers(self) -> Mapping[int, Hashable]:
+    def other_vehicles(self) -> Mapping[int, Hashable]:
         """Addresses of other vehicles by system id; empty before our vehicle was found."""
         home = self.home
         return {} if home is None else {one: at for one, at in self.vehicles.items() if one != home.system}
 
-    def greet(self, source: Hashable, now: float) -> None:
+    def say_hello(self, source: Hashable, now: float) -> None:
         """Reply to a sender that cannot be accepted yet, unless the vehicle has another address.
 
         A MAVLink 1 sender may switch to MAVLink 2. A sender whose signing clock is behind (no GPS) adopts
@@ -172,8 +172,8 @@ class Identity:
         if is_heartbeat and who.component == AUTOPILOT_COMPONENT and message.autopilot not in NO_AUTOPILOT:
             self.vehicles[who.system] = source  # otherwise it is a radio with a heartbeat
         if home is not None and (who.system, source) == (home.system, home.source):
-            self._heard_at = now
-        silent = now - self._heard_at > MOVES_AFTER
+            self._received_at = now
+        silent = now - self._received_at > MOVES_AFTER
         if home is not None and who.ids == home.ids and silent and continues(message, now):
             self._proven = (source, now)
         ours = self.peer is None or who.ids == self.peer.ids
@@ -183,7 +183,7 @@ class Identity:
             return True
         # A vehicle that changes its address sends a few messages before its first heartbeat: no second sender.
         if home is not None and who.ids == home.ids and source != home.source and (is_heartbeat or not silent):
-            self.rivals.heard(VEHICLE_NAME, who, home, now)
+            self.second_senders.received(VEHICLE_NAME, who, home, now)
         if is_heartbeat and self.peer is not None and message.autopilot != dialect.MAV_AUTOPILOT_INVALID:
             self.ignored["other_vehicle"] += 1
         return False
@@ -192,11 +192,11 @@ class Identity:
         """True if the vehicle may send from this address."""
         if self.home is None or source == self.home.source:
             return True
-        if now - self._heard_at <= MOVES_AFTER:
+        if now - self._received_at <= MOVES_AFTER:
             return False
         address, at = self._proven
-        found_anew = self.peer is None and not self.stays
-        return found_anew or (source == address and now - at <= PROOF_LASTS)
+        found_again = self.peer is None and not self.stays
+        return found_again or (source == address and now - at <= PROOF_LASTS)
 
     def _consider(self, heartbeat: Message, who: Sender, now: float) -> None:
         """Pin the sender of this heartbeat if it is the mission's vehicle. Otherwise record the reason."""
@@ -211,25 +211,25 @@ class Identity:
         if self.peer is None:
             self.adapter, self.since = adapter, now
         self.home = self.peer = who
-        self.reply_to, self._heard_at = who.source, now
+        self.reply_to, self._received_at = who.source, now
 
     def _misfit(self, heartbeat: Message, who: Sender, adapter: Autopilot | None, now: float) -> str:
         """Return why this is not our vehicle, human-readable; empty if it is."""
         wanted, system = self._settings.system_id, f"system {who.system}"
         if who.system == 0:  # 0 is the broadcast address
-            return f"{system} is no id of a vehicle: set its system id to 1 .. 255"
+            return f"{system} is no id of a vehicle: set its system id to 1 to 255"
         if self.home is not None and who.ids != self.home.ids:
-            return f"{system} is not the vehicle heard first, system {self.home.system}"
+            return f"{system} is not the vehicle received first, system {self.home.system}"
         if wanted is not None and who.system != wanted:
             return f"{system} is not the mission's vehicle.system_id {wanted}"
         if adapter is None:
             known = " or ".join(one.name for one in self._adapters)
             return f"{system} is {describe_vehicle(heartbeat)}, the mission is for {known}"
         if self.home is not None and adapter is not self.adapter:
-            return f"{system} is {describe_vehicle(heartbeat)} now, not the vehicle heard first"
+            return f"{system} is {describe_vehicle(heartbeat)} now, not the vehicle received first"
         if heartbeat.get_msgbuf()[0] != V2:
-            self.greet(who.source, now)  # our MAVLink 2 heartbeat makes many autopilots switch over
-            return f"{system} {SPEAKS_1}"
+            self.say_hello(who.source, now)  # our MAVLink 2 heartbeat makes many autopilots switch over
+            return f"{system} {MAVLINK_1_ONLY}"
         return ""
 
 

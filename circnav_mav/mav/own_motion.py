@@ -8,7 +8,7 @@ from collections import deque
 from math import cos, hypot, nan, remainder, sin, tan, tau
 from typing import NamedTuple
 
-from circnav_mav.guidance.types import FeltVelocity, OwnMotion
+from circnav_mav.guidance.types import IntegratedAcceleration, OwnMotion
 from circnav_mav.mav.clocks import BOOT_WRAP, Order, Slower, StampFilter, no_link_delay
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import (
@@ -260,17 +260,17 @@ class Accelerations:
     """
 
     def __init__(self) -> None:
-        self._type, self._heard_at, self._time = "", float("-inf"), float("-inf")
-        self.felt: FeltVelocity | None = None
+        self._type, self._received_at, self._time = "", float("-inf"), float("-inf")
+        self.felt: IntegratedAcceleration | None = None
 
     def receive(self, message: Message, attitude: Attitude | None, now: float) -> None:
         """Process one message of the vehicle. Messages without accelerations are ignored."""
         kind = message.get_type()
-        if kind not in ACCELERATIONS or (kind != self._type and now - self._heard_at < OTHER_SOURCE):
+        if kind not in ACCELERATIONS or (kind != self._type and now - self._received_at < OTHER_SOURCE):
             return
         if kind != self._type:
             self._type, self.felt = kind, None
-        self._heard_at = now
+        self._received_at = now
         unit = ACCELERATIONS[kind]
         force = unit * message.xacc, unit * message.yacc, unit * message.zacc
         time = message.time_boot_ms / 1e3 if kind == "SCALED_IMU" else message.time_usec / 1e6
@@ -281,5 +281,5 @@ class Accelerations:
             return
         roll, pitch, yaw = attitude.at(time)
         ax, ay = vector_from_level(*level_from_body(force, roll, pitch), heading_enu_from_yaw_ned(yaw))
-        was = self.felt or FeltVelocity(0.0, 0.0, now)
-        self.felt = FeltVelocity(was.x + ax * step, was.y + ay * step, was.since)
+        was = self.felt or IntegratedAcceleration(0.0, 0.0, now)
+        self.felt = IntegratedAcceleration(was.x + ax * step, was.y + ay * step, was.since)

@@ -56,7 +56,7 @@ class Session:
         self._replies: list[Message] = []
         self._mode_results: deque[CommandResult] = deque(maxlen=8)
         self._sent: deque[bytes] = deque(maxlen=SENT_KEPT)
-        self._twin_heard: deque[float] = deque(maxlen=TWIN_FRAMES)
+        self._twin_received: deque[float] = deque(maxlen=TWIN_FRAMES)
         self.identity = Identity(settings, adapters)
         self.vehicle = VehicleState(self.identity.adapter)
         self.encoder = Encoder(settings.system_id or 1, settings.component_id, signing)
@@ -100,13 +100,13 @@ class Session:
         return self.identity.reply_to
 
     def heartbeat_age(self, now: float) -> float:
-        return now - self.vehicle.heard_at
+        return now - self.vehicle.received_at
 
     @property
     def doubled(self) -> bool:
         """True if another companion sends with our ids."""
-        heard = self._twin_heard
-        return len(heard) == TWIN_FRAMES and heard[-1] - heard[0] <= TWIN_WITHIN
+        received = self._twin_received
+        return len(received) == TWIN_FRAMES and received[-1] - received[0] <= TWIN_WITHIN
 
     def missing(self, now: float) -> list[str]:
         """Return the names of the motion values that the adapter needs and the vehicle does not report."""
@@ -123,10 +123,10 @@ class Session:
             return False
         ours = self.identity.receive(message, source, now, continues=self.vehicle.continues)
         if self.peer is not None and self.peer != before:
-            self._pinned(self.peer, anew=before is None)
+            self._pinned(self.peer, new_vehicle=before is None)
         if not ours:
             return False
-        self.streams.heard(message.get_msgId())
+        self.streams.received(message.get_msgId())
         reboots = self.vehicle.reboots
         self.vehicle.receive(message, now)
         if self.vehicle.reboots > reboots:
@@ -134,7 +134,7 @@ class Session:
         if message.get_type() == "COMMAND_ACK":
             self.commands.acknowledge(message, self.us, now)
         elif message.get_type() == "TIMESYNC" and message.tc1:
-            self.timesync.heard(message.ts1, now)
+            self.timesync.received(message.ts1, now)
         elif message.get_type() == "TIMESYNC" and len(self._replies) < MOST_REPLIES:
             # answer a request (tc1 = 0) with our clock in ns and the mirrored time of its sender
             self._replies.append(dialect.MAVLink_timesync_message(int(now * 1e9) or 1, message.ts1))
@@ -154,14 +154,16 @@ class Session:
             self.ignored["echo"] += 1
         elif source == peer.source:
             self.ignored["twin"] += 1
-            self._twin_heard.append(now)
+            self._twin_received.append(now)
         else:
-            self.identity.rivals.heard(OUR_NAME, Sender(*self.us, source), Sender(*self.us, "this computer"), now)
+            self.identity.second_senders.received(
+                OUR_NAME, Sender(*self.us, source), Sender(*self.us, "this computer"), now
+            )
 
-    def _pinned(self, peer: Sender, *, anew: bool) -> None:
+    def _pinned(self, peer: Sender, *, new_vehicle: bool) -> None:
         """Prepare the session for a vehicle that was found, or has moved to another address."""
         self.encoder.system = peer.system
-        if not anew:
+        if not new_vehicle:
             self.vehicle.moved()
         else:
             self.vehicle.found(self.adapter)

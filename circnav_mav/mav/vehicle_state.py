@@ -48,7 +48,7 @@ class VehicleState:
         self._late_heartbeat: tuple[int, float] | None = None
         self.mode: int | None = None
         self.armed = False
-        self.heard_at = float("-inf")
+        self.received_at = float("-inf")
         """Time of the vehicle's last mode report, s."""
         self.heartbeats = 0
         self.departures = 0
@@ -111,13 +111,13 @@ class VehicleState:
         self._late = self._overtaken(message.get_seq())
         if kind == "HEARTBEAT":
             self._late = self._is_late_heartbeat(message.get_seq(), now)
-            self._tells_mode(message.custom_mode, bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED), now)
+            self._on_mode(message.custom_mode, bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED), now)
             self.heartbeats += not self._late
         elif kind == "CURRENT_MODE" and message.custom_mode:
             # It reports the mode like a heartbeat does. PX4 sends heartbeats at 1 Hz only, and some are lost.
-            self._tells_mode(message.custom_mode, self.armed, now)
+            self._on_mode(message.custom_mode, self.armed, now)
         elif kind in BOOT_TIMES:
-            self._tells_boot_time(message.time_boot_ms / 1000, now)
+            self._on_boot_time(message.time_boot_ms / 1000, now)
         elif kind == "SYS_STATUS":
             self._battery = float(message.battery_remaining) if message.battery_remaining >= 0 else None
             self._battery_at = now
@@ -153,9 +153,9 @@ class VehicleState:
             return before is None or not 0 < (sequence - before[0]) % 256 < 128
         return self._late
 
-    def _tells_mode(self, mode: int, armed: bool, now: float) -> None:
+    def _on_mode(self, mode: int, armed: bool, now: float) -> None:
         """Store the mode and armed state, and count a departure from the guided mode."""
-        self.heard_at = now
+        self.received_at = now
         # A reordered report may end our control, but never start it: the operator may have taken over meanwhile.
         if self._late and not self.in_our_mode and armed and mode == self._adapter.guided_mode:
             return
@@ -165,7 +165,7 @@ class VehicleState:
             self.departures += 1
             self.left_for = None if mode == self._adapter.guided_mode else self.mode_name
 
-    def _tells_boot_time(self, stamp: float, now: float) -> None:
+    def _on_boot_time(self, stamp: float, now: float) -> None:
         """Count a backward step of the time since boot as a reboot, but not its wrap after 49.7 days.
 
         After a silence, a boot time that has advanced more than the local time belongs to another vehicle.
@@ -180,6 +180,6 @@ class VehicleState:
             if newest is not None and self.unproven and self.clock_speed.noticed is None:
                 silence = now - self.boot.newest_at
                 self.reboots += boot - newest - silence > AHEAD + AHEAD_SHARE * silence
-            self.clock_speed.heard(boot, now)
+            self.clock_speed.received(boot, now)
         self.boot.take(boot, now)
         self.unproven = False

@@ -48,7 +48,7 @@ def _of_circles(mission: Mission, part: Callable[[Mission], Iterable[Check]]) ->
     for radius, lines in zip(mission.radii, circles, strict=True):
         for line in lines:
             if not all(line in others for others in circles):
-                yield replace(line, says=f"{radius:g} m: {line.says}")
+                yield replace(line, text=f"{radius:g} m: {line.text}")
             elif lines is circles[0]:
                 yield line
 
@@ -57,21 +57,21 @@ def _keys(mission: Mission) -> Iterator[Check]:
     if mission.removed_keys:
         yield Check(WARN, "keys", f"without effect: {advice(mission.removed_keys)}")
     else:
-        yield Check(PASS, "keys", "all keys known, none missing")
+        yield Check(PASS, "keys", "all keys valid, none missing")
 
 
 def _vehicle(mission: Mission) -> Iterator[Check]:
     autopilot, kind = mission.vehicle_key
     able = allowed(autopilot, kind)
     if not able:
-        reason = REFUSED.get((autopilot, kind), "there is no honest, position-free way to steer it over MAVLink")
-        yield Check(FAIL, "vehicle", f"{autopilot} {kind} cannot be flown: {reason}")
+        reason = REFUSED.get((autopilot, kind), "MAVLink offers no way to steer it without its position")
+        yield Check(FAIL, "autopilot", f"{autopilot} {kind} cannot be flown: {reason}")
         return
-    yield Check(PASS, "vehicle", " or ".join(" ".join(one) for one in able))
+    yield Check(PASS, "autopilot", " or ".join(" ".join(one) for one in able))
     exits = mission.file.exit.action
     if lacking := [one for one in able.values() if exits not in (None, "stop", *one.exits)]:
         choice = f"choose {', '.join(lacking[0].exits)}"
-        yield Check(FAIL, "exit", f"{lacking[0].name} knows no exit action {exits}: {choice}")
+        yield Check(FAIL, "exit", f"{lacking[0].name} has no exit action {exits}: {choice}")
     why = next((one.firmware.why_must_leave for one in able.values() if one.firmware.why_must_leave), "")
     if why and (exits == "stop" or mission.file.engage.on_takeover == "wait"):
         others = [f'"{one.firmware.key}"' for one in able.values() if not one.firmware.why_must_leave]
@@ -90,8 +90,8 @@ def _estimator(mission: Mission) -> Iterator[Check]:
     if mission.estimator not in NEED_MOTION:
         return
     if mission.vehicles and not any(one.measures_airspeed for one in mission.vehicles):
-        needs = f"{mission.estimator} must see the vehicle's motion before it can be engaged"
-        why = f"a {mission.file.vehicle.kind} measures no airspeed: it is known only while we steer"
+        needs = f"{mission.estimator} needs the vehicle's airspeed before it can be engaged"
+        why = f"a {mission.file.vehicle.kind} measures none: its speed is given only while circnav steers"
         yield Check(FAIL, "estimator", f'{needs}, and {why}. Set guidance.estimator = "auto"')
 
 
@@ -99,10 +99,12 @@ def _gain(mission: Mission) -> Iterator[Check]:
     law, gain, orbit = LAWS[mission.law.name], mission.law.gain, mission.orbit
     bound = law.gain_bound(orbit.speed, orbit.radius)
     grade = FAIL if gain <= bound else WARN if gain < WEAK * mission.default_gain else PASS
-    weak = f"; the default is {mission.default_gain:.4g}, so small a gain hardly turns" if grade is WARN else ""
-    whose = "given" if mission.file.guidance.gain else "default"
+    weak = (
+        f"; the default is {mission.default_gain:.4g}, with this gain the vehicle hardly turns" if grade is WARN else ""
+    )
+    origin = "given" if mission.file.guidance.gain else "default"
     needs = law.gain_condition + (f" = {bound:.4g}" if bound else "")
-    yield Check(grade, "gain", f"{law.name}: k = {gain:.4g} {law.gain_unit} ({whose}), needs {needs}{weak}")
+    yield Check(grade, "gain", f"{law.name}: k = {gain:.4g} {law.gain_unit} ({origin}), needs {needs}{weak}")
 
 
 def _trim(mission: Mission) -> Iterator[Check]:
@@ -111,8 +113,10 @@ def _trim(mission: Mission) -> Iterator[Check]:
     least = (1 - MOST_TRIM) * orbit.radius
     bound = law.gain_bound(orbit.speed, least)
     if mission.file.guidance.radius_trim_per_s > 0 and law.gain_bound(orbit.speed, orbit.radius) < gain <= bound:
-        needs = f"may feed the law a radius down to {least:g} m, which needs {law.gain_condition} = {bound:.4g}"
-        cannot = f"k = {gain:.4g} flies no circle that small; raise guidance.gain"
+        needs = (
+            f"may reduce the radius that the law uses to {least:g} m, which needs {law.gain_condition} = {bound:.4g}"
+        )
+        cannot = f"k = {gain:.4g} cannot fly this circle; raise guidance.gain"
         yield Check(WARN, "trim", f"guidance.radius_trim_per_s {needs}: {cannot}")
 
 
@@ -123,21 +127,21 @@ def _radius(mission: Mission) -> Iterator[Check]:
     fed = law.fed_radius(orbit.speed, orbit.radius, gain) if mission.law.correct_radius else orbit.radius
     reached = law.reached_radius(orbit.speed, fed, gain)
     beside = abs(reached / orbit.radius - 1) >= RADIUS_OFF
-    advice = "; set guidance.correct_radius = true to reach it exactly" if beside else ""
-    words = f"{reached:.3f} m will be reached, {orbit.radius:g} m asked for{advice}"
+    advice = "; set guidance.correct_radius = true to correct it" if beside else ""
+    words = f"steady radius {reached:.3f} m, desired {orbit.radius:g} m{advice}"
     yield Check(WARN if beside else PASS, "radius", words)
 
 
 def _turn_rate(mission: Mission) -> Iterator[Check]:
     orbit, gain = mission.orbit, _expected_gain(mission)
     needed, able = abs(orbit.steady_turn_rate), gain * orbit.max_turn_rate
-    slips = "" if gain == 1 else f": {gain:g} of the {degrees(orbit.max_turn_rate):.2f} deg/s that may be commanded"
+    slips = "" if gain == 1 else f": turn gain {gain:g} at a command of {degrees(orbit.max_turn_rate):.2f} deg/s"
     words = f"the circle needs {degrees(needed):.2f} deg/s of the vehicle's {degrees(able):.2f} deg/s"
     share = f"{100 * needed / able:.0f} %, must stay below 100 %"
     yield Check(graded(needed / able, warn_above=TURN_USED, fail_above=1.0), "turn rate", f"{words} ({share}){slips}")
     if mission.law.name == "switching" and mission.law.gain > orbit.max_turn_rate:
-        words = f"the law switches between +-{degrees(mission.law.gain):.2f} deg/s, more than the vehicle's limit"
-        yield Check(WARN, "turn rate", f"{words}, which it flies instead")
+        words = f"the law switches between ±{degrees(mission.law.gain):.2f} deg/s, more than the vehicle's limit"
+        yield Check(WARN, "turn rate", f"{words}, which is flown instead")
 
 
 def _expected_gain(mission: Mission) -> float:
@@ -157,13 +161,17 @@ def _drift(mission: Mission) -> Iterator[Check]:
     """Report the drift that the circle's geometry allows, and the time to reach the circle."""
     orbit, gain, tolerated = mission.orbit, _expected_gain(mission), drift_allowed(mission)
     if tolerated > 0:
-        rest = "" if mission.file.guidance.law in DRIFT_LAWS else f"; the law {mission.law.name} itself knows no drift"
-        most = f"wind less target motion up to {tolerated:.1f} m/s ({100 * tolerated / orbit.speed:.0f} % of V)"
-        words = f"{most} leaves the circle flyable: (V + W)^2/(V max turn rate) <= r_d{rest}"
+        rest = (
+            ""
+            if mission.file.guidance.law in DRIFT_LAWS
+            else f"; the law {mission.law.name} does not compensate for it"
+        )
+        most = f"up to {tolerated:.1f} m/s of wind minus target motion ({100 * tolerated / orbit.speed:.0f} % of V)"
+        words = f"the circle can be flown in {most}: (V + W)^2/(V max turn rate) <= r_d{rest}"
         yield Check(PASS, "drift", words)
     far = min(5 * orbit.radius, mission.max_range)
     seconds = settling_time(far, orbit.speed, orbit.radius, orbit.max_turn_rate * gain)
-    way = f"by the shortest tangent (Dubins) from {far:.0f} m in still air, flying away from it at first"
+    way = f"on the shortest path (Dubins) from {far:.0f} m in still air, flying away from the target at first"
     yield Check(PASS, "settling", f"about {seconds:.0f} s {way}; laws on range alone may take twice as long")
 
 
@@ -180,15 +188,15 @@ def _margin(mission: Mission) -> Iterator[Check]:
     wanted = min(allowed_drift, DESIGN_DRIFT * V)
     kept = drift_with_margin(V, r_d, wanted, *loop)
     if kept >= wanted:
-        words = f"at {delay:g} s of delay the turn loop keeps its margin in wind less target motion of {kept:.1f} m/s"
+        words = (
+            f"with a turn delay of {delay:g} s, the turn loop is stable in {kept:.1f} m/s of wind minus target motion"
+        )
         yield Check(PASS, "margin", words)
         return
-    until = f"in wind less target motion above {kept:.1f} m/s" if kept > 0 else "even in still air"
-    words = (
-        f"at {delay:g} s of delay the turn loop has too little stability margin on this circle {until}: it may swing"
-    )
+    until = f"in more than {kept:.1f} m/s of wind minus target motion" if kept > 0 else "even in still air"
+    words = f"with a turn delay of {delay:g} s, the turn loop may oscillate on this circle {until}"
     radius = radius_with_margin(V, r_d, wanted, *loop)
-    larger = f"a radius of {ceil(radius):g} m holds up to {wanted:.1f} m/s" if isfinite(radius) else "lower V"
+    larger = f"a radius of {ceil(radius):g} m suffices for up to {wanted:.1f} m/s" if isfinite(radius) else "lower V"
     yield Check(WARN, "margin", f"{words}; {larger}")
 
 
@@ -198,8 +206,12 @@ def _laps(mission: Mission) -> Iterator[Check]:
         return
     needed = sum(LAPS * 2 * pi * radius / mission.orbit.speed for radius in mission.radii)
     given = mission.file.limits.duration_s
-    words = f"{LAPS:g} laps of each circle take {needed:.0f} s of limits.duration_s = {given:g}"
-    yield Check(graded(needed / given, warn_above=0.6, fail_above=1.0), "laps", f"{words}, and so do the ways there")
+    words = f"{LAPS:g} laps of each circle take {needed:.0f} s of limits.duration_s = {given:g} s"
+    yield Check(
+        graded(needed / given, warn_above=0.6, fail_above=1.0),
+        "laps",
+        f"{words}, without the flights between the circles",
+    )
 
 
 def _signing(mission: Mission) -> Iterator[Check]:
@@ -208,22 +220,22 @@ def _signing(mission: Mission) -> Iterator[Check]:
         yield from _unsigned(mission)
         return
     if table.accept_unsigned is True:
-        says = "frames are signed, but unsigned ones are believed too: anybody can speak for the vehicle"
-        yield Check(WARN, "signing", f"{says} (signing.accept_unsigned)")
+        words = "frames are signed, but unsigned frames are accepted too: any program can pose as the vehicle"
+        yield Check(WARN, "signing", f"{words} (signing.accept_unsigned)")
     else:
-        also = ", on the ranging endpoint unsigned ones too" if table.accept_unsigned else ""
-        yield Check(PASS, "signing", f"frames are signed, and believed only if signed with our key{also}")
+        also = ", on the ranging endpoint also unsigned" if table.accept_unsigned else ""
+        yield Check(PASS, "signing", f"frames are signed, and accepted only if signed with our key{also}")
 
 
 def _unsigned(mission: Mission) -> Iterator[Check]:
     """Check which senders can pose as the vehicle on an unsigned link."""
     link, ranging = mission.file.link, mission.file.ranging
     ports = [split_driver(one)[1] for one in (link.endpoint, ranging.endpoint) if one]
-    heard = [one for one in ports if one.startswith(("udp:", "udpin:"))]
-    if link.peer and not heard:
-        yield Check(WARN, "peer", "link.peer has no effect: only udpin hears more than one address")
+    received = [one for one in ports if one.startswith(("udp:", "udpin:"))]
+    if link.peer and not received:
+        yield Check(WARN, "peer", "link.peer has no effect: only udpin receives from more than one address")
     elif link.peer:
-        yield Check(PASS, "peer", f"{' and '.join(heard)} hears {', '.join(link.peer)} only")
-    elif heard and not any(host in heard[0] for host in LOOPBACK):
-        says = f"on {heard[0]} whoever speaks first is believed"
-        yield Check(WARN, "peer", f"{says}: name its address (link.peer), or sign (docs/signing.md)")
+        yield Check(PASS, "peer", f"{' and '.join(received)} accepts {', '.join(link.peer)} only")
+    elif received and not any(host in received[0] for host in LOOPBACK):
+        words = f"{received[0]} accepts the first sender of the vehicle's heartbeats"
+        yield Check(WARN, "peer", f"{words}: set its address (link.peer), or sign (docs/signing.md)")

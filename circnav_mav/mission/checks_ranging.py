@@ -28,7 +28,7 @@ def check_ranging(mission: Mission) -> list[Check]:
 
 def _reach(mission: Mission) -> Iterator[Check]:
     slant, farthest = _slant_range(mission, mission.orbit.radius), mission.max_range
-    words = f"range on the circle {slant:.1f} m of the {_length(farthest)} that {_what_ends_ranges(mission)}"
+    words = f"range on the circle {slant:.1f} m, {_what_ends_ranges(mission)} {_length(farthest)}"
     share = f"{100 * slant / farthest:.0f} %, at most {100 * REACH:.0f} %"
     yield Check(graded(slant / farthest, warn_above=REACH / 2, fail_above=REACH), "reach", f"{words} ({share})")
 
@@ -40,7 +40,7 @@ def _slant_range(mission: Mission, horizontal: float) -> float:
 
 def _what_ends_ranges(mission: Mission) -> str:
     table = mission.file.ranging
-    return "ranging.max_range_m allows" if mission.max_range == table.max_range_m else f"{table.message} carries"
+    return "ranging.max_range_m =" if mission.max_range == table.max_range_m else f"{table.message} reports up to"
 
 
 def _length(metres: float) -> str:
@@ -58,8 +58,8 @@ def _bounds(mission: Mission) -> Iterator[Check]:
     words = f"the circle of {radius:g} m must be {' and '.join(given)} (horizontal ranges), by {100 * ROOM:.0f} %"
     yield Check(graded(used, warn_above=1 / (1 + ROOM), fail_above=1.0), "bounds", words)
     if farthest is not None and _slant_range(mission, farthest) > mission.max_range:
-        end = f"ranges end at the {_length(mission.max_range)} that {_what_ends_ranges(mission)}"
-        yield Check(WARN, "bounds", f"bounds.max_range_m = {farthest:g} m never acts: {end}, and the flight with them")
+        end = f"{_what_ends_ranges(mission)} {_length(mission.max_range)}"
+        yield Check(WARN, "bounds", f"bounds.max_range_m = {farthest:g} m has no effect: {end}")
 
 
 def _radio(mission: Mission) -> Iterator[Check]:
@@ -68,7 +68,7 @@ def _radio(mission: Mission) -> Iterator[Check]:
     if why := message.why_never(mission.pilot_settings().ranging):
         yield Check(FAIL, "ranging", why)
     if not message.forwarded and table.endpoint is None:
-        remedy = "unless the radio itself speaks on link.endpoint, give it its own (ranging.endpoint)"
+        remedy = "set ranging.endpoint, unless the radio itself sends to link.endpoint"
         yield Check(WARN, "ranging", f"ArduPilot and PX4 do not forward {message.type}: {remedy}")
 
 
@@ -84,19 +84,19 @@ def _calibration(mission: Mission) -> Iterator[Check]:
     if points and not points[0][0] <= slant <= points[-1][0]:
         span = f"{points[0][0]:g} to {points[-1][0]:g} m"
         yield Check(
-            WARN, "calibration", f"ranging.points_m covers {span}, the circle is at {slant:.1f} m: measure there"
+            WARN, "calibration", f"ranging.points_m covers {span}, the circle is at {slant:.1f} m: add a point there"
         )
 
 
 def _sampling(mission: Mission) -> Iterator[Check]:
     period = 1 / mission.file.ranging.rate_hz
     stale = mission.stale
-    words = f"a range every {period:.3f} s, stale after {stale:.3g} s (at least two must fit)"
+    words = f"a range every {period:.3f} s, stale after {stale:.3g} s (at least two ranges in this time)"
     yield Check(graded(period / stale, warn_above=0.5, fail_above=1.0), "sampling", words)
     if LAWS[mission.law.name].switches:
         turn = min(mission.law.gain, mission.orbit.max_turn_rate) * period
-        bounds = "above 0.05 it wanders off the circle, above 0.5 it is lost"
-        words = f"turns {turn:.3f} rad between two samples ({bounds})"
+        bounds = "above 0.05 the vehicle drifts off the circle, above 0.5 it leaves it"
+        words = f"the vehicle turns {turn:.3f} rad between two ranges ({bounds})"
         yield Check(graded(turn, warn_above=0.05, fail_above=0.5), "switching", words)
 
 
@@ -104,9 +104,9 @@ def _noise(mission: Mission) -> Iterator[Check]:
     orbit, file = mission.orbit, mission.file
     steady = mission.steady_estimate
     share = steady.r_dot_sigma / orbit.speed
-    known = f"known to {steady.r_dot_sigma:.2f} m/s at {file.ranging.sigma_m:g} m noise"
-    words = f"{known}, {100 * share:.0f} % of the speed (at most 50 %), {steady.lag:.2f} s late"
-    yield Check(graded(share, warn_above=0.2, fail_above=0.5), "range rate", words)
+    error = f"estimated range rate ±{steady.r_dot_sigma:.2f} m/s at a range noise of {file.ranging.sigma_m:g} m"
+    words = f"{error}, {100 * share:.0f} % of the speed (at most 50 %), {steady.lag:.2f} s late"
+    yield Check(graded(share, warn_above=0.2, fail_above=0.5), "rate error", words)
     if mission.law.name == "smooth":
         loop = 2 * mission.law.gain * orbit.radius * orbit.speed * mission.loop_lag
         lags = f"turn lag {file.vehicle.turn_lag_s:g} s + filter lag {steady.lag:.2f} s"
@@ -117,14 +117,16 @@ def _noise(mission: Mission) -> Iterator[Check]:
 def _slant(mission: Mission) -> Iterator[Check]:
     radius, height = mission.orbit.radius, mission.file.orbit.height_above_target_m
     if mission.height.needs_altitude:
-        yield Check(PASS, "height", "from the vehicle's altitude in flight; preflight says what it is now")
+        yield Check(
+            PASS, "height", "above the target, from the vehicle's altitude in flight; preflight prints the current one"
+        )
     elif height is None:
         none = "none of orbit.height_above_target_m, target_altitude_m, target_above_home_m is given"
-        cost = f"half the radius of height makes the circle {100 * (1 - sqrt(0.75)):.0f} % too small"
+        cost = f"at a height of half the radius, the circle is {100 * (1 - sqrt(0.75)):.0f} % too small"
         yield Check(WARN, "height", f"{none}: ranges are taken as horizontal ({cost})")
     else:
         growth = sqrt(radius**2 + height**2) / radius
-        counts = f"slant range counts {growth:.2f} times in noise (at most {MAX_SIGMA_GROWTH:g})"
+        counts = f"it multiplies the range noise by {growth:.2f} (at most {MAX_SIGMA_GROWTH:g})"
         grade = graded(growth, warn_above=1.5, fail_above=MAX_SIGMA_GROWTH)
         yield Check(grade, "height", f"{height:g} m above the target: {counts}")
         yield height_cost(mission, height)
@@ -133,5 +135,5 @@ def _slant(mission: Mission) -> Iterator[Check]:
 def height_cost(mission: Mission, height: float) -> Check:
     """Return the check of the radius error due to a height error: with rho^2 = slant^2 - h^2, d rho = -h/rho dh."""
     cost = abs(height) / min(mission.radii)
-    words = f"1 m of error in the height of {height:.1f} m above the target is {cost:.2f} m of radius"
+    words = f"1 m of error in the height above the target ({height:.1f} m) changes the radius by {cost:.2f} m"
     return Check(WARN if cost > HEIGHT_COST else PASS, "height cost", f"{words} (WARN above {HEIGHT_COST:g})")

@@ -19,25 +19,25 @@ def clashes(file: MissionFile) -> Iterator[str]:
 def _of_endpoints(file: MissionFile) -> Iterator[str]:
     ranging = file.ranging
     if file.link.endpoint == SIM and file.sim is None:
-        yield f'link.endpoint: is "{SIM}", which needs a [sim] table describing the vehicle'
+        yield f'link.endpoint: is "{SIM}": add a [sim] table that describes the vehicle'
     if ranging.endpoint == SIM and file.link.endpoint != SIM:
-        yield f'ranging.endpoint: is "{SIM}" but the vehicle is not the bundled one: --set ranging.endpoint=URL'
+        yield f'ranging.endpoint: is "{SIM}", but the vehicle is not the bundled one: --set ranging.endpoint=URL'
     if ranging.endpoint == file.link.endpoint and ranging.endpoint.startswith(("udpin:", "udp:", "serial:")):
-        yield f'ranging.endpoint: is "{ranging.endpoint}" as link.endpoint: leave it out where ranges come on that link'
+        yield f'ranging.endpoint: is "{ranging.endpoint}" as link.endpoint: omit it if ranges arrive on that link'
     if split_driver(ranging.endpoint or "")[0] and ranging.message != "ranging_beacon":
-        yield f'ranging.message: is "{ranging.message}", a driver gives "ranging_beacon": set that'
+        yield f'ranging.message: is "{ranging.message}": set "ranging_beacon", which drivers produce'
     if file.signing and file.signing.accept_unsigned == "ranging" and ranging.endpoint is None:
-        yield 'signing.accept_unsigned: is "ranging", which needs a ranging.endpoint of its own'
+        yield 'signing.accept_unsigned: is "ranging": set ranging.endpoint, too'
 
 
 def _of_range_rate(file: MissionFile) -> Iterator[str]:
     ranging = file.ranging
     if ranging.rate_name is not None and ranging.message != "named_value_float":
-        yield f'ranging.rate_name: goes with message = "named_value_float", not with "{ranging.message}"'
+        yield f'ranging.rate_name: needs message = "named_value_float", not "{ranging.message}"'
     if ranging.rate_name == ranging.name:
-        yield f'ranging.rate_name: is "{ranging.name}" as ranging.name: give the rate a name of its own'
+        yield f'ranging.rate_name: is "{ranging.name}" as ranging.name: give the rate another name'
     if file.guidance.estimator == "measured" and ranging.rate_name is None:
-        yield 'guidance.estimator: is "measured", which needs a radio that measures the range rate: ranging.rate_name'
+        yield 'guidance.estimator: is "measured": set ranging.rate_name, the name of the measured range rate'
 
 
 def _of_vehicle(file: MissionFile) -> Iterator[str]:
@@ -53,7 +53,7 @@ def _of_pairs(file: MissionFile) -> Iterator[str]:
     ways = ("height_above_target_m", "target_altitude_m", "target_above_home_m")
     given = [f"orbit.{way}" for way in ways if getattr(file.orbit, way) is not None]
     if len(given) > 1:
-        yield f"{' and '.join(given)}: the height is given in one way only: keep one of them"
+        yield f"{' and '.join(given)}: only one of them may be given: keep one"
     # With the bounds in the wrong order, a flight would end at once.
     for quantity in ("range_m", "altitude_m"):
         low, high = (getattr(file.bounds, f"{side}_{quantity}") for side in ("min", "max"))

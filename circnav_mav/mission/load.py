@@ -137,9 +137,9 @@ def _check_numbers(mission: Mission, where: str) -> None:
             mission.pilot_settings()
             _ = mission.loop_lag
     except ArithmeticError as error:
-        reason = str(error.args[-1]) if error.args else "no number"
+        reason = str(error.args[-1]) if error.args else "not a finite number"
         raise MissionError(
-            f"{where}: speed, radius, rate or noise is too small or too large to compute with ({reason.lower()})"
+            f"{where}: speed, radius, rate or noise is too small or too large ({reason.lower()})"
         ) from None
 
 
@@ -155,12 +155,12 @@ def _override(text: str) -> tuple[list[str], Any]:
     return key.strip().split("."), parsed
 
 
-def put(table: Any, keys: list[str], value: Any, said: str) -> None:
-    """Set a key in nested tables, creating missing tables. said: name of the value in errors. Raises MissionError."""
+def put(table: Any, keys: list[str], value: Any, source: str) -> None:
+    """Set a key in nested tables, creating missing tables. source: name of the value in errors. Raises MissionError."""
     for key in keys[:-1]:
         table = table.setdefault(key, {})
         if not isinstance(table, Mapping):
-            raise MissionError(f"{said}: {key} is a value, not a table")
+            raise MissionError(f"{source}: {key} is a value, not a table")
     table[keys[-1]] = value
 
 
@@ -172,6 +172,8 @@ def _make_absolute(table: Any, folder: Path, where: str) -> None:
     for key, place in tables.items():
         if isinstance(place, Mapping) and isinstance(name := place.get("key_file"), str) and name:
             if "\0" in name:
-                raise MissionError(f"{where}: {key}.key_file: {name!r} holds a character that no file's name has")
+                raise MissionError(
+                    f"{where}: {key}.key_file: {name!r} contains a character that is not allowed in file names"
+                )
             # not Path.expanduser, which raises for an unknown user
             place["key_file"] = str((folder / os.path.expanduser(name)).absolute())  # type: ignore[index]

@@ -1,4 +1,4 @@
-"""Preflight checks of the vehicle and the ranging: the data of a `Survey` in, lines out."""
+"""Preflight checks of the vehicle and the ranging: the data of a `PreflightListener` in, lines out."""
 
 from collections.abc import Iterator, Mapping
 from math import degrees, isnan
@@ -12,7 +12,7 @@ from circnav_mav.mav.identity import RADIO_NAME
 from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.preflight_ranging import FULL_RATE, SPEED_OFF, judge_ranging
 from circnav_mav.pilot import VEHICLE
-from circnav_mav.pilot.survey import Survey
+from circnav_mav.pilot.preflight_listener import PreflightListener
 
 LOW_RATE = 0.5
 """Share of the requested rate below which a stream counts as missing."""
@@ -26,20 +26,20 @@ TROUBLE = ("prearm", "arm:", "failsafe", "failed", "error", "unhealthy", "denied
 """Words by which preflight selects the STATUSTEXTs that it repeats."""
 
 
-def judge(mission: Mission, survey: Survey, clock_speed: float = 1.0) -> list[Check]:
+def judge(mission: Mission, listener: PreflightListener, clock_speed: float = 1.0) -> list[Check]:
     """Return all lines for a completed survey. clock_speed: speed of the run's clock relative to real time, if the run
     follows the autopilot's clock."""
-    if not survey.session.up:
-        misfits = "; ".join(survey.session.misfits.values())
-        why = misfits or f"no autopilot heartbeat, {survey.connection.counts[VEHICLE].describe()}"
-        return [Check(FAIL, "vehicle", f"none that the mission means; {why}")]
+    if not listener.session.up:
+        misfits = "; ".join(listener.session.misfits.values())
+        why = misfits or f"no autopilot heartbeat, {listener.connection.counts[VEHICLE].describe()}"
+        return [Check(FAIL, "vehicle", f"not the one of the mission; {why}")]
     parts = (_identity, _mode, _protocol, _signing, _company, _streams, _motion, _battery)
-    lines = [line for part in parts for line in part(mission, survey)]
-    lines += [*_clock(mission, survey, clock_speed), *judge_ranging(mission, survey)]
-    context = parameter_context(mission, survey.session.vehicle_ids[0], survey.parameters)
-    lines += [line for rule in survey.session.adapter.parameters if (line := rule.check(context)) is not None]
-    told = [text for text in survey.texts if any(word in text.lower() for word in TROUBLE)]
-    return lines + [Check(WARN, "says", f'"{text}"') for text in told]
+    lines = [line for part in parts for line in part(mission, listener)]
+    lines += [*_clock(mission, listener, clock_speed), *judge_ranging(mission, listener)]
+    context = parameter_context(mission, listener.session.vehicle_ids[0], listener.parameters)
+    lines += [line for rule in listener.session.adapter.parameters if (line := rule.check(context)) is not None]
+    repeated = [text for text in listener.texts if any(word in text.lower() for word in TROUBLE)]
+    return lines + [Check(WARN, "STATUSTEXT", f'"{text}"') for text in repeated]
 
 
 def parameter_context(mission: Mission, system: int, values: Mapping[str, float]) -> Context:
@@ -59,172 +59,174 @@ def parameter_context(mission: Mission, system: int, values: Mapping[str, float]
 # --- identity ---------------------------------------------------------------------------------------------------------
 
 
-def _identity(mission: Mission, survey: Survey) -> Iterator[Check]:
-    adapter, firmware = survey.session.adapter, survey.session.vehicle.firmware
-    system, component = survey.session.vehicle_ids
-    yield Check(PASS, "vehicle", f"system {system}, component {component}: {survey.kind}, flown as {adapter.name}")
+def _identity(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
+    adapter, firmware = listener.session.adapter, listener.session.vehicle.firmware
+    system, component = listener.session.vehicle_ids
+    yield Check(PASS, "vehicle", f"system {system}, component {component}: {listener.kind}, autopilot {adapter.name}")
     if firmware is None:
         yield Check(WARN, "firmware", "no answer to a request for AUTOPILOT_VERSION")
     else:
-        flown = f"the messages we send were flown on {adapter.firmware.flown}"
+        flown = f"our messages were tested on {adapter.firmware.flown}"
         yield Check(PASS, "firmware", f"{firmware} ({flown})")
 
 
-def _mode(mission: Mission, survey: Survey) -> Iterator[Check]:
-    adapter, vehicle = survey.session.adapter, survey.session.vehicle
+def _mode(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
+    adapter, vehicle = listener.session.adapter, listener.session.vehicle
     now = f"now {vehicle.mode_name} ({vehicle.mode}), {'armed' if vehicle.armed else 'disarmed'}"
     if vehicle.armed and vehicle.mode == adapter.guided_mode:
-        yield Check(WARN, "mode", f"{now}: a flight would take the vehicle at once")
+        yield Check(WARN, "mode", f"{now}: a flight would steer the vehicle immediately")
     else:
-        who = "the flight asks for it" if mission.file.engage.request_mode else "the operator enters it"
+        who = "requested by circnav" if mission.file.engage.request_mode else "entered by the operator"
         yield Check(PASS, "mode", f"flown in {adapter.guided_name} ({adapter.guided_mode}), {who}; {now}")
 
 
-def _protocol(mission: Mission, survey: Survey) -> Iterator[Check]:
-    heard = survey.connection.counts[VEHICLE]
-    if heard.version_1:
-        yield Check(WARN, "MAVLink", f"{heard.version_1} of {heard.frames} frames are of version 1")
+def _protocol(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
+    received = listener.connection.counts[VEHICLE]
+    if received.version_1:
+        yield Check(WARN, "MAVLink", f"{received.version_1} of {received.frames} frames are of version 1")
     else:
         yield Check(PASS, "MAVLink", "version 2 only")
 
 
-def _signing(mission: Mission, survey: Survey) -> Iterator[Check]:
+def _signing(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
     """Check that received frames are signed as the mission requires. No line if neither side signs."""
-    heard = survey.connection.counts[VEHICLE]
+    received = listener.connection.counts[VEHICLE]
     if mission.file.signing is None:
-        if heard.signed:
-            words = f"{heard.signed} of {heard.frames} frames are signed and we have no key"
-            yield Check(WARN, "signing", f"{words}: what we send may be rejected; give it with [signing] key_file")
-        elif heard.zero_key:
-            words = "the autopilot signs with the all-zero key, as PX4 does until it is given one"
-            yield Check(PASS, "signing", f"{words}: it takes unsigned frames, the link counts as unsigned")
-    elif heard.refused:
-        why = ", ".join(f"{count} {reason}" for reason, count in sorted(heard.refused.items()))
-        yield Check(WARN, "signing", f"{heard.refused.total()} of {heard.frames} frames rejected: {why}")
+        if received.signed:
+            words = f"{received.signed} of {received.frames} frames are signed, and the mission has no key"
+            yield Check(WARN, "signing", f"{words}: our frames may be rejected; set signing.key_file")
+        elif received.zero_key:
+            words = "the autopilot signs with the all-zero key, as PX4 does without a key"
+            yield Check(PASS, "signing", f"{words}: it accepts unsigned frames, the link is not signed")
+    elif received.refused:
+        why = ", ".join(f"{count} {reason}" for reason, count in sorted(received.refused.items()))
+        yield Check(WARN, "signing", f"{received.refused.total()} of {received.frames} frames rejected: {why}")
     else:
-        yield Check(PASS, "signing", f"{heard.signed} of {heard.frames} frames signed, all with our key")
+        yield Check(PASS, "signing", f"{received.signed} of {received.frames} frames signed, all with our key")
 
 
-def _company(mission: Mission, survey: Survey) -> Iterator[Check]:
-    session, ours = survey.session, mission.file.link.component_id
-    rivals = session.identity.rivals.recent(survey.end)
+def _company(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
+    session, ours = listener.session, mission.file.link.component_id
+    second_senders = session.identity.second_senders.recent(listener.end)
     if twins := session.ignored["twin"]:
-        words = f"{twins} frames of another companion with our component id {ours}: change one of them"
+        words = (
+            f"{twins} frames of another companion with our component id {ours}: change link.component_id of one of them"
+        )
         yield Check(FAIL, "others", words)
-    if strangers := session.ignored["other_vehicle"]:
+    if others := session.ignored["other_vehicle"]:
         also = f": {'; '.join(session.misfits.values())}" if session.misfits else ""
-        advice = "" if mission.file.vehicle.system_id else "; name yours with vehicle.system_id"
-        yield Check(WARN, "others", f"{strangers} heartbeats of another autopilot on the link{also}{advice}")
+        advice = "" if mission.file.vehicle.system_id else "; select yours by vehicle.system_id"
+        yield Check(WARN, "others", f"{others} heartbeats of another autopilot on the link{also}{advice}")
     if peripherals := session.ignored["no_autopilot"]:
         ids = "{}/{}".format(*session.vehicle_ids)
-        words = f"{peripherals} heartbeats of a component that is no autopilot with the vehicle's ids {ids}"
-        yield Check(WARN, "others", f"{words}: give it a component id of its own")
-    for rival in rivals:
+        words = f"{peripherals} heartbeats with the vehicle's ids {ids} of a component that is no autopilot"
+        yield Check(WARN, "others", f"{words}: give it another component id")
+    for rival in second_senders:
         of_driver = mission.ranging_driver is not None and rival.startswith(RADIO_NAME)
         advice = "ranging.beacon_id" if of_driver else "link.peer, or sign"
-        yield Check(FAIL, "others", f"{rival}; name yours with {advice}")
-    if not twins and not strangers and not rivals and not peripherals:
-        yield Check(PASS, "others", "no other autopilot and no twin of ours on the link")
+        yield Check(FAIL, "others", f"{rival}; select yours by {advice}")
+    if not twins and not others and not second_senders and not peripherals:
+        yield Check(PASS, "others", "no other autopilot on the link, no other companion with our ids")
 
 
 # --- telemetry --------------------------------------------------------------------------------------------------------
 
 
-def _streams(mission: Mission, survey: Survey) -> Iterator[Check]:
-    if (silence := survey.session.heartbeat_age(survey.end)) > SILENT:
-        yield Check(FAIL, "heartbeat", f"the vehicle fell silent {silence:.1f} s before the end")
-    if survey.session.streams.by_group:
-        words = "SET_MESSAGE_INTERVAL is unsupported: old firmware, REQUEST_DATA_STREAM is used"
+def _streams(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
+    if (silence := listener.session.heartbeat_age(listener.end)) > SILENT:
+        yield Check(FAIL, "heartbeat", f"the last one was received {silence:.1f} s before the end")
+    if listener.session.streams.by_group:
+        words = "SET_MESSAGE_INTERVAL is not supported by this old firmware: REQUEST_DATA_STREAM is used"
         yield Check(WARN, "stream", words)
-    for message_id, (wanted, measured) in survey.streams.items():
+    for message_id, (wanted, measured) in listener.streams.items():
         name = dialect.mavlink_map[message_id].msgname
-        words = f"{name} {measured:.1f} Hz, {wanted:g} Hz asked for"
+        words = f"{name} {measured:.1f} Hz, requested {wanted:g} Hz"
         if measured >= FULL_RATE * wanted:
             yield Check(PASS, "stream", words)
         elif measured >= LOW_RATE * wanted:
             yield Check(WARN, "stream", words)
         else:
-            grade, without = _without(mission, survey, name)
+            grade, without = _without(mission, listener, name)
             yield Check(grade, "stream", f"{words}: {without}")
 
 
-def _without(mission: Mission, survey: Survey, name: str) -> tuple[Grade, str]:
+def _without(mission: Mission, listener: PreflightListener, name: str) -> tuple[Grade, str]:
     """Return the grade of a missing or slow stream, and its reason."""
-    if name == "VFR_HUD" and (needs := _needs(mission, survey)):
-        return FAIL, f"{' and '.join(sorted(needs))} come with it"
+    if name == "VFR_HUD" and (needs := _needs(mission, listener)):
+        return FAIL, f"the mission needs its {' and '.join(sorted(needs))}"
     if name == "ATTITUDE" and mission.file.vehicle.turn_gain == "learn":
-        return FAIL, "the turn-rate gain is learnt from it"
+        return FAIL, "the turn gain is learned from it"
     if name == "SYS_STATUS" and mission.file.bounds.min_battery_percent is not None:
         return FAIL, "bounds.min_battery_percent needs it"
-    return (WARN, _TELLS[name]) if name in _TELLS else (FAIL, "the ranging comes with it")
+    return (WARN, _WITHOUT[name]) if name in _WITHOUT else (FAIL, "the ranges arrive in it")
 
 
-_TELLS = {
-    "HEARTBEAT": "a change of mode is seen late",
-    "CURRENT_MODE": "a change of mode is seen by the heartbeat only, once a second",
-    "SYSTEM_TIME": "a reboot is seen by ATTITUDE only",
-    "SYS_STATUS": "the battery is not known",
-    "ATTITUDE": "the heading is not known",
-    "VFR_HUD": "height and airspeed are not known",
-    "HOME_POSITION": "a home that is set anew is seen late",
+_WITHOUT = {
+    "HEARTBEAT": "a change of mode is detected late",
+    "CURRENT_MODE": "a change of mode is detected by the heartbeat only, once a second",
+    "SYSTEM_TIME": "a reboot is detected by ATTITUDE only",
+    "SYS_STATUS": "no battery charge",
+    "ATTITUDE": "no heading",
+    "VFR_HUD": "no altitude and airspeed",
+    "HOME_POSITION": "a change of the home position is detected late",
 }
 
 
-def _motion(mission: Mission, survey: Survey) -> Iterator[Check]:
-    session, needs = survey.session, _needs(mission, survey)
-    motion = session.motion.at(survey.end)
-    for name, unit, subject in (("airspeed", "m/s", "airspeed"), ("altitude", "m above sea level", "height")):
+def _motion(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
+    session, needs = listener.session, _needs(mission, listener)
+    motion = session.motion.at(listener.end)
+    for name, unit in (("airspeed", "m/s"), ("altitude", "m above sea level")):
         value = getattr(motion, name)
         if value is not None:
-            yield Check(PASS, subject, f"{value:.1f} {unit}" + ("" if name in needs else ", not needed"))
+            yield Check(PASS, name, f"{value:.1f} {unit}" + ("" if name in needs else ", not needed"))
         elif name not in needs:
-            yield Check(PASS, subject, "not known, not needed")
-        elif name == "airspeed" and survey.airspeed == 0 and not session.vehicle.armed:
-            yield Check(WARN, subject, "0 m/s: none before take-off; a flight engages only when there is one")
+            yield Check(PASS, name, "not received, not needed")
+        elif name == "airspeed" and listener.airspeed == 0 and not session.vehicle.armed:
+            yield Check(WARN, name, "0 m/s, as before take-off; a flight engages only above 0 m/s")
         else:
-            whose = f"a {session.adapter.name}" if name in session.adapter.needs else "the mission"
-            why = ": no VFR_HUD" if survey.airspeed is None else ""
-            if name == "airspeed" and survey.airspeed is not None and isnan(survey.airspeed):
-                why = ": VFR_HUD carries none (NaN), is there an airspeed sensor?"
-            yield Check(FAIL, subject, f"not known{why}; {whose} needs it")
+            user = f"a {session.adapter.name}" if name in session.adapter.needs else "the mission"
+            why = ": no VFR_HUD" if listener.airspeed is None else ""
+            if name == "airspeed" and listener.airspeed is not None and isnan(listener.airspeed):
+                why = ": VFR_HUD has none (NaN), is there an airspeed sensor?"
+            yield Check(FAIL, name, f"not received{why}; {user} needs it")
 
 
-def _needs(mission: Mission, survey: Survey) -> frozenset[str]:
+def _needs(mission: Mission, listener: PreflightListener) -> frozenset[str]:
     bounds = mission.file.bounds
     bounded = (bounds.min_altitude_m, bounds.max_altitude_m) != (None, None)
     needed = bounded or mission.height.needs_altitude
-    return survey.session.adapter.needs | ({"altitude"} if needed else frozenset())
+    return listener.session.adapter.needs | ({"altitude"} if needed else frozenset())
 
 
-def _battery(mission: Mission, survey: Survey) -> Iterator[Check]:
-    least, battery = mission.file.bounds.min_battery_percent, survey.session.vehicle.battery(survey.end)
+def _battery(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
+    least, battery = mission.file.bounds.min_battery_percent, listener.session.vehicle.battery(listener.end)
     if least is None:
         return
     if battery is None:
-        yield Check(FAIL, "battery", f"not reported, the mission ends at {least:g} %")
+        yield Check(FAIL, "battery", f"not reported, the flight ends at {least:g} %")
     else:
         grade = PASS if battery > least else FAIL
-        yield Check(grade, "battery", f"{battery:.0f} %, the mission ends at {least:g} %")
+        yield Check(grade, "battery", f"{battery:.0f} %, the flight ends at {least:g} %")
 
 
 # --- time -------------------------------------------------------------------------------------------------------------
 
 
-def _clock(mission: Mission, survey: Survey, clock_speed: float) -> Iterator[Check]:
-    reboots, boot, trip = survey.session.vehicle.reboots, survey.boot, survey.session.timesync.typical
+def _clock(mission: Mission, listener: PreflightListener, clock_speed: float) -> Iterator[Check]:
+    reboots, boot, trip = listener.session.vehicle.reboots, listener.boot, listener.session.timesync.typical
     if reboots:
-        yield Check(FAIL, "clock", f"the autopilot rebooted {reboots} times while we listened")
+        yield Check(FAIL, "clock", f"the autopilot rebooted {reboots} times during preflight")
     follows = mission.file.link.clock == "autopilot"
     if boot is None or boot[1][0] - boot[0][0] < LEAST_SPAN:
-        words = "no boot time of the autopilot (SYSTEM_TIME, ATTITUDE): its reboot would not be seen"
+        words = "no boot time of the autopilot (SYSTEM_TIME, ATTITUDE): a reboot would not be detected"
         yield Check(FAIL if follows else WARN, "clock", words)
     else:
         speed = span_speed(boot) * clock_speed
-        words = f"the autopilot's runs at {speed:.2f} of ours"
+        words = f"the autopilot's clock runs at {speed:.2f} times our speed"
         if speed < SPEED_OFF:
-            yield Check(FAIL, "clock", f"{words}: it stands still")
+            yield Check(FAIL, "clock", f"{words}: it has stopped")
         elif follows:
-            yield Check(PASS, "clock", f"{words}, and the run follows it")
+            yield Check(PASS, "clock", f"{words}, and the flight follows it")
         elif abs(speed - 1) > SPEED_OFF:
             yield Check(FAIL, "clock", f'{words}: set link.clock = "autopilot" to fly a simulator at this speed')
         else:
@@ -232,7 +234,7 @@ def _clock(mission: Mission, survey: Survey, clock_speed: float) -> Iterator[Che
     if trip is not None:
         most = mission.slowest_answer
         grade = PASS if trip < SLOW_ROUND_TRIP else WARN if trip <= most else FAIL
-        words = f"{1000 * trip:.0f} ms to the autopilot and back (TIMESYNC), at most {1000 * most:.0f} ms"
+        words = f"{1000 * trip:.0f} ms (TIMESYNC), at most {1000 * most:.0f} ms"
         yield Check(grade, "round trip", words)
     else:
-        yield Check(WARN, "round trip", "no answer to TIMESYNC: the delay of the link is not known")
+        yield Check(WARN, "round trip", "no answer to TIMESYNC: the delay of the link is not measured")

@@ -32,7 +32,9 @@ def _one_in_words(problem: ErrorDetails, schema: type[BaseModel]) -> str:
         anywhere = {key.rpartition(".")[2]: key for key in keys_of(schema)}
         near = get_close_matches(place[-1], known, n=1)
         near = near or [anywhere[name] for name in get_close_matches(place[-1], anywhere, n=1, cutoff=0.7)]
-        return f"{key}: unknown key, " + (f"did you mean {near[0]}?" if near else f"known here: {', '.join(known)}")
+        return f"{key}: unknown key, " + (
+            f"did you mean {near[0]}?" if near else f"keys of this table: {', '.join(known)}"
+        )
     if kind == "literal_error":
         return f"{key}: {_shown(given)} is not one of {context['expected']}"
     if kind == "model_type":
@@ -40,7 +42,7 @@ def _one_in_words(problem: ErrorDetails, schema: type[BaseModel]) -> str:
     if kind == "finite_number":
         field = _table(schema, place[:-1]).model_fields.get(place[-1])
         # a required key has no default
-        remedy = ": leave it out for none" if field is not None and field.default is None else ""
+        remedy = ": omit the key for none" if field is not None and field.default is None else ""
         return f"{key}: must be a finite number, not {given}{remedy}"
     bound = next((f"{words} {context[name]:g}" for name, words in _BOUNDS.items() if name in context), None)
     if bound is not None and isinstance(given, int | float):

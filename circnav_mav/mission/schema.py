@@ -60,7 +60,7 @@ _RADIUS = TypeAdapter(Positive, config=ConfigDict(strict=True, allow_inf_nan=Fal
 def _radii(given: Any) -> float | list[float]:
     """Validate a radius, or a list of them."""
     if isinstance(given, list) and not 0 < len(given) <= MAX_CIRCLES:
-        raise PydanticCustomError("radii", f"must be a radius, or those of 1 to {MAX_CIRCLES} circles in their order")
+        raise PydanticCustomError("radii", f"must be a radius, or a list of 1 to {MAX_CIRCLES} radii")
     if isinstance(given, list):
         return [_RADIUS.validate_python(one) for one in given]
     return _RADIUS.validate_python(given)
@@ -105,7 +105,7 @@ REMOVED = {
 def advice(removed: Iterable[str]) -> str:
     """Return one line about removed keys of earlier versions: the values used instead, and the remedy."""
     names = list(removed)
-    used = "; ".join(f"{name} is no longer a key, used is {REMOVED[name]}" for name in names)
+    used = "; ".join(f"{name} is no longer a key (used instead: {REMOVED[name]})" for name in names)
     return f"{used}: delete {'it' if len(names) == 1 else 'them'}"
 
 
@@ -185,7 +185,7 @@ class RangingTable(Table):
     @model_validator(mode="after")
     def _one_calibration(self) -> Self:
         if self.points_m is not None and (self.scale, self.bias_m) != (1.0, 0.0):
-            raise PydanticCustomError("calibration", "points_m goes without scale and bias_m: it has both in it")
+            raise PydanticCustomError("calibration", "points_m includes scale and bias_m: give one or the other")
         return self
 
     @property

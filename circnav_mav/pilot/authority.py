@@ -6,7 +6,7 @@
 from enum import Enum
 
 from circnav_mav.mav.session import Session
-from circnav_mav.pilot.mission_state import NOT_OURS, MissionState, Phase
+from circnav_mav.pilot.mission_state import NOT_OURS, Ending, MissionState, Outcome, Phase
 from circnav_mav.pilot.mode_request import ModeRequest
 from circnav_mav.pilot.settings import OutputMode, PilotSettings
 
@@ -14,7 +14,7 @@ GIVEN_AFTER = 1.5
 """Time, s, that the guided mode must last, by consecutive reports, before the vehicle is considered returned. A mode
 switch may pass through that mode, and older reports may arrive late over another link."""
 TAKEN_OVER = "taken over"
-"""First words of all texts about a takeover, sent or recorded. Charts use them to mark the event."""
+"""First words of all STATUSTEXTs about a takeover. Charts use them to mark the event."""
 LANDED_PATIENCE = 1.5
 """Longest wait, s, for the vehicle's report that it flies, before the first engagement."""
 STALL = 0.5
@@ -28,9 +28,9 @@ SILENT = 1.5
 class Holder(Enum):
     """Controller of the vehicle once a flight has begun."""
 
-    US = "we: the guided mode means that we may steer"
-    OPERATOR_IN_MODE = "the operator, and the guided mode was not left since (disarmed, rebooted)"
-    OPERATOR = "the operator, and the guided mode was left since: entering it again gives the vehicle back"
+    US = "circnav: in the guided mode it may steer"
+    OPERATOR_IN_MODE = "the operator, without leaving the guided mode (disarmed, rebooted)"
+    OPERATOR = "the operator, after leaving the guided mode: entering it again returns the vehicle"
 
 
 class Allowed(Enum):
@@ -38,7 +38,7 @@ class Allowed(Enum):
 
     NOTHING = "nothing"
     SAFE = "the safe setpoint"
-    STEER = "one that steers"
+    STEER = "a steering setpoint"
 
 
 class Authority:
@@ -100,11 +100,11 @@ class Authority:
         """True if the guided mode, should the vehicle be in it, is a result of our request."""
         return self._asked_in is not None and not self._operator_chose
 
-    def may_say_last_words(self) -> bool:
+    def may_send_last_frames(self) -> bool:
         """True if the caller may send the safe setpoint after the pilot has failed."""
         return self.in_our_hands and self._mission.phase not in NOT_OURS and not self._session.vehicle.unproven
 
-    def may_ask_for_exit(self, now: float) -> bool:
+    def may_request_exit(self, now: float) -> bool:
         """True if the caller may also request the exit action. The vehicle obeys a mode request even after a takeover,
         so its controller must be confirmed."""
         return self.certain and not self.may_be_backlog(now) and self._session.heartbeat_age(now) < SILENT
@@ -121,7 +121,7 @@ class Authority:
         vehicle, guided = self._session.vehicle, self._session.adapter.guided_name
         if self.holder is not Holder.US:
             enter = f"leave {guided} and enter it" if self.holder is Holder.OPERATOR_IN_MODE else f"enter {guided}"
-            return f"the operator has the vehicle: {enter} again to hand it back"
+            return f"the operator has the vehicle: {enter} again to return it to circnav"
         if hindrance := self._hindrance(now):
             return hindrance
         if vehicle.in_our_mode:
@@ -132,8 +132,8 @@ class Authority:
     def _hindrance(self, now: float, *, over_slow_link: bool = False) -> str:
         """Return the reason why the vehicle cannot be steered, regardless of its controller and mode, or an empty
         string."""
-        rivals = [] if self._mission.begun else self._session.identity.rivals.recent(now)
-        disputed = f"{rivals[0]}: name yours with link.peer, or sign" if rivals else ""
+        second_senders = [] if self._mission.begun else self._session.identity.second_senders.recent(now)
+        disputed = f"{second_senders[0]}: select yours by link.peer, or sign" if second_senders else ""
         slow = "" if over_slow_link else self._slow_link(now)
         silent = unreported(self._session, now) or unwatched(self._settings, self._session, now)
         return disputed or slow or silent or self._not_flying(now)
@@ -145,7 +145,7 @@ class Authority:
         if self._mission.begun or (trip.settled(now) and (trip.typical or 0.0) <= most):
             return ""
         if trip.typical is None:
-            return "measuring the round trip to the vehicle (TIMESYNC)"
+            return "measuring the round-trip time of the link (TIMESYNC)"
         return f"link too slow: round trip {trip.typical:.2f} s (at most {most:g} s, 1.2 times limits.stale_s)"
 
     def _not_flying(self, now: float) -> str:
@@ -195,8 +195,8 @@ class Authority:
 
     # --- controller of the vehicle ----------------------------------------------------------------------------------
 
-    def watch_takeover(self) -> tuple[str, str] | None:
-        """Return the cause of a takeover in this step, as STATUSTEXT and as the recorded reason, or None."""
+    def watch_takeover(self, now: float) -> tuple[str, Outcome] | None:
+        """Return a takeover in this step, as STATUSTEXT and as outcome, or None."""
         session, vehicle = self._session, self._session.vehicle
         # A vehicle under our control stays so while the link is lost, and while it has been returned to us but cannot
         # be steered yet.
@@ -214,14 +214,16 @@ class Authority:
         self.holder = Holder.OPERATOR_IN_MODE if left_for is None else Holder.OPERATOR
         if self.rebooted or left_for is None:
             what = f"{TAKEN_OVER}, {'autopilot rebooted' if self.rebooted else 'vehicle disarmed'}"
-            return what, what
-        what = f"{TAKEN_OVER}, {session.adapter.guided_name} left for {left_for}"
-        return what, f"{what}: operator or failsafe"
+            return what, Outcome(Ending.ABORTED, what)
+        # The heartbeat does not show who changed the mode. The report has the autopilot's message of a failsafe.
+        flown = now - (self._mission.engaged_at or now)
+        reason = f"pilot or failsafe switched to {left_for} after {flown:.0f} s"
+        return f"{TAKEN_OVER}, {session.adapter.guided_name} left for {left_for}", Outcome(Ending.TAKEN_OVER, reason)
 
     def _watch_return(self, *, left: bool, in_mode: bool) -> None:
         """Detect that the operator returns the vehicle: the guided mode is left, entered again, and stays for
         GIVEN_AFTER."""
-        reported_at = self._session.vehicle.heard_at
+        reported_at = self._session.vehicle.received_at
         if left and self.holder is Holder.OPERATOR_IN_MODE:
             self.holder = Holder.OPERATOR
         if not in_mode or self.holder is not Holder.OPERATOR:
@@ -269,9 +271,9 @@ def unwatched(settings: PilotSettings, session: Session, now: float) -> str:
     """Return a text about missing telemetry that a bound of the mission needs, or an empty string."""
     bounds = settings.bounds
     if (bounds.lowest, bounds.highest) != (None, None) and session.motion.at(now).altitude is None:
-        return "no altitude in VFR_HUD: bounds.min_altitude_m and max_altitude_m go by it"
+        return "no altitude in VFR_HUD: bounds.min_altitude_m and max_altitude_m need it"
     if bounds.battery is not None and session.vehicle.battery(now) is None:
-        return "no battery in SYS_STATUS: bounds.min_battery_percent goes by it"
+        return "no battery in SYS_STATUS: bounds.min_battery_percent needs it"
     return ""
 
 

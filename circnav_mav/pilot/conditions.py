@@ -15,7 +15,7 @@ from pymavlink.dialects.v20.all import MAV_SEVERITY_WARNING as WARNING
 from circnav_mav.mav.frames import GRAVITY
 from circnav_mav.mav.identity import OUR_NAME, RADIO_NAME, VEHICLE_NAME
 from circnav_mav.pilot.authority import SILENT, unwatched
-from circnav_mav.pilot.mission_state import Ending, Phase
+from circnav_mav.pilot.mission_state import NO_FAILURE, Phase
 
 if TYPE_CHECKING:
     from circnav_mav.pilot.pilot import Pilot
@@ -27,10 +27,10 @@ FEW_SETPOINTS = 0.5
 UPLINK_SILENT = 2.0
 """Time, s, without an answer of a steered vehicle to TIMESYNC. Requests are sent once a second and repeated if lost."""
 LOST = {
-    "attitude": "NO ATTITUDE from the vehicle: flown by ranges alone, its turns are not watched",
-    "airspeed": "NO AIRSPEED from the vehicle: V is used instead",
+    "attitude": "NO ATTITUDE from the vehicle: steered by ranges alone, its turns are not checked",
+    "airspeed": "NO AIRSPEED from the vehicle: vehicle.speed_mps is used instead",
     "altitude": "NO ALTITUDE from the vehicle: no climb is commanded",
-    "climb": "NO CLIMB from the vehicle: the pitch is not corrected by it",
+    "climb": "NO CLIMB RATE from the vehicle: the pitch is not corrected",
 }
 """Alarms for telemetry that a steered vehicle no longer sends."""
 NOISE = "range noise {found[1]:.2g} m, expected {found[0]:.2g} m"
@@ -104,26 +104,26 @@ def _lost(name: str) -> Callable[["Pilot", float], object]:
 
 
 def _second_sender(name: str) -> Callable[["Pilot", float], object]:
-    return lambda p, now: [one for one in p.session.identity.rivals.recent(now) if one.startswith(name)]
+    return lambda p, now: [one for one in p.session.identity.second_senders.recent(now) if one.startswith(name)]
 
 
 # fmt: off
 ENDED = Condition(
     "ended",
     lambda p, now: (
-        (end := p.mission.outcome) and end.ending is not Ending.COMPLETED and (end.ending.value.upper(), end.reason)
+        (end := p.mission.outcome) and end.ending not in NO_FAILURE and (end.ending.value.upper(), end.reason)
     ),
     long="{found[0]}: {found[1]}",
 )
 NOT_FOLLOWING = Condition(
     "not_following", lambda p, now: not p.controller.turns.follows, steering=True,
     short="vehicle does not follow turn commands", over="vehicle follows turn commands again",
-    long="VEHICLE DOES NOT FOLLOW turn commands: ends after {p.settings.timing.unfollowed:g} s",
+    long="VEHICLE DOES NOT FOLLOW turn commands: the flight ends after {p.settings.timing.unfollowed:g} s",
 )
 LIMIT_CYCLE = Condition(
     "limit_cycle", lambda p, now: (share := p.controller.turns.share) < 1 and 100 * share,
     short="limit cycle, gains reduced to {found:.0f} %", repeats=True,
-    long="LIMIT CYCLE: the turn command oscillates, gains at {found:.0f} %",
+    long="LIMIT CYCLE: the turn command oscillates, gains reduced to {found:.0f} %",
 )
 CLOCK_SPEED = Condition(
     "clock_speed", lambda p, now: (speed := p.session.clock_speed.found) is not None and max(speed, 1e-3),
@@ -151,14 +151,10 @@ TABLE = (
     ),
     Condition(
         "second_controller", lambda p, now: p.second_controller.evidence(now),
-        short="another program steers, too", over="another program no longer steers",
+        short="another program also steers", over="another program no longer steers",
         long="SECOND CONTROLLER: {found}: stop the other program",
     ),
     ENDED,
-    Condition(
-        "yielded", lambda p, now: p.mission.phase is Phase.YIELDED,
-        long="OPERATOR HAS THE VEHICLE, mode {p.session.vehicle.mode_name}",
-    ),
     Condition(
         "link_silent", lambda p, now: SILENT < (age := p.session.heartbeat_age(now)) < inf and age,
         short="link silent", over="link restored", long="LINK SILENT for {found:.1f} s",
@@ -166,7 +162,7 @@ TABLE = (
     Condition(
         "uplink_silent",
         lambda p, now: p.session.timesync.silent(now, UPLINK_SILENT) and p.session.heartbeat_age(now) <= SILENT,
-        long="UPLINK SILENT: the vehicle answers nothing (TIMESYNC), it may not receive setpoints", steering=True,
+        long="UPLINK SILENT: the vehicle does not answer (TIMESYNC), it may not receive setpoints", steering=True,
     ),
     Condition(
         "link_too_slow",
@@ -179,8 +175,8 @@ TABLE = (
             p.mission.phase is Phase.HOLDING and (p.tracker.age(now), p.settings.timing.stale + p.mission.hold)
         ),
         short="range lost, holding", over="range regained", steering=True,
-        long="RANGE STALE {found[0]:.1f} s: holding the circle's turn rate by {p.rates.newest.setpoints:.0f} setpoints "
-        "per second, ends at {found[1]:g} s",
+        long="RANGE STALE {found[0]:.1f} s: holding the circle's turn rate with {p.rates.newest.setpoints:.0f} "
+        "setpoints per second, the flight ends at {found[1]:g} s",
     ),
     Condition(
         "range_stale",
@@ -193,16 +189,16 @@ TABLE = (
     Condition(
         "range_frozen", lambda p, now: p.tracker.noise.repeated,
         short="range frozen, rejected", over="range accepted again",
-        long="RANGE FROZEN: the same number for {found:.0f} s, ranges are rejected until it changes",
+        long="RANGE FROZEN: the same value for {found:.0f} s, ranges are rejected until it changes",
     ),
     Condition(
         "range_jumped", lambda p, now: p.tracker.jumps.found,
-        short="range jumped, rejected", over="range is back where it was", steering=True,
-        long="RANGE JUMPED by {found:+.0f} m, farther than the vehicle can fly: ranges are rejected",
+        short="range jumped, rejected", over="range jumped back", steering=True,
+        long="RANGE JUMPED by {found:+.0f} m, farther than the vehicle can have flown: ranges are rejected",
     ),
     Condition(
         "range_rate_dropped", lambda p, now: p.tracker.rates.trouble,
-        short="range rate wrong, dropped", over="range rate used again", long="RANGE RATE DROPPED: {found}",
+        short="range rate wrong, not used", over="range rate used again", long="RANGE RATE NOT USED: {found}",
     ),
     NOT_FOLLOWING,
     LIMIT_CYCLE,
@@ -215,13 +211,13 @@ TABLE = (
     ),
     Condition(
         "drift_too_strong", lambda p, now: p.drift_alarm.on and p.drift_alarm,
-        short="drift {found.drift:.1f} m/s, this circle allows {found.allowed:.1f}", over="drift allowed again",
+        short="drift {found.drift:.1f} m/s, this circle allows {found.allowed:.1f}", over="drift within limit again",
         long="DRIFT TOO STRONG: drift {found.drift:.1f} m/s, this circle allows {found.allowed:.1f}",
     ),
     Condition(
         "bound_not_watched", lambda p, now: (why := unwatched(p.settings, p.session, now)) and why.split(": "),
-        short="{found[0]}", over="bounds watched again", steering=True, repeats=True,
-        long="BOUND NOT WATCHED: {found[0]}: {found[1]}",
+        short="{found[0]}", over="bounds checked again", steering=True, repeats=True,
+        long="BOUND NOT CHECKED: {found[0]}: {found[1]}",
     ),
     Condition(
         "most_ranges_rejected",
@@ -234,8 +230,8 @@ TABLE = (
     ),
     Condition(
         "sensor_clock_stepped", lambda p, now: p.tracker.ranging.clock.doubted,
-        short="sensor clock stepped", over="sensor clock runs steadily again",
-        long="SENSOR CLOCK stepped: ranges are rejected until it runs steadily again",
+        short="sensor clock stepped", over="sensor clock steady again",
+        long="SENSOR CLOCK stepped: ranges are rejected until it is steady again",
     ),
     CLOCK_SPEED,
     *(
@@ -248,7 +244,7 @@ TABLE = (
     Condition(
         "heading_jumped", lambda p, now: round(degrees(p.session.motion.jumped)), repeats=True,
         short="heading jumped by {found:+d} deg", over="heading jumped back",
-        long="HEADING JUMPED by {found:+d} deg, not counted as a turn: check the compass",
+        long="HEADING JUMPED by {found:+d} deg, not used as a turn: check the compass",
     ),
     Condition(
         "altitude_lost", lambda p, now: p.tracker.height.is_held(now) and [p.tracker.height.at(now)],
@@ -258,7 +254,7 @@ TABLE = (
     Condition(
         "altitude_jumped", lambda p, now: p.tracker.height.jump, repeats=True,
         short="altitude jumped by {found:+.1f} m", over="altitude jumped back",
-        long="ALTITUDE JUMPED by {found:+.1f} m, not counted as height: compare the radius with the map",
+        long="ALTITUDE JUMPED by {found:+.1f} m, not used as height: compare the radius with the map",
     ),
     Condition(
         "few_setpoints",
@@ -266,8 +262,8 @@ TABLE = (
             p.flies and (rates := p.rates.while_steering)
             and rates.setpoints < FEW_SETPOINTS * (wanted := 1 / p.settings.timing.tick) and (rates.setpoints, wanted)
         ),
-        long="FEW SETPOINTS: {found[0]:.1f} of {found[1]:.0f} per second are sent: the computer is overloaded, stop "
-        "other programs or lower limits.tick_hz",
+        long="FEW SETPOINTS: only {found[0]:.1f} of {found[1]:.0f} per second are sent: the computer is overloaded, "
+        "stop other programs or lower limits.tick_hz",
     ),
     # not alarms: only sent to ground stations
     Condition("range_noise", lambda p, now: p.tracker.noise.found, NOISE, severity=NOTICE),

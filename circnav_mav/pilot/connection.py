@@ -1,4 +1,4 @@
-"""Links of a mission and session with its vehicle, used by `Pilot` and `Survey`."""
+"""Links of a mission and session with its vehicle, used by `Pilot` and `PreflightListener`."""
 
 from collections.abc import Hashable, Iterable, Iterator
 
@@ -56,7 +56,7 @@ class Connection:
             of_vehicle = link == VEHICLE and self.session.receive(message, now, source)
             yield message, of_vehicle, link == self.ranging_link and message.get_msgId() == self.ranging_message.id
         if link == VEHICLE and decoder.behind:
-            self.session.identity.greet(source, now)
+            self.session.identity.say_hello(source, now)
 
     def hello(self, now: float) -> bytes:
         """Return the frames for a separate ranging link: a heartbeat, because routers forward only to known senders."""

@@ -7,7 +7,7 @@ from circnav_mav.guidance.circle_change import MIN_INTERVAL, NEAR, SPEED_SHARE, 
 from circnav_mav.guidance.closed_loop import ClosedLoop
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.lean_limit import LeanLimit
-from circnav_mav.guidance.turn_answer import TurnAnswer
+from circnav_mav.guidance.turn_answer import LearnedResponse
 from circnav_mav.guidance.turn_response import Response
 from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, TurnCommand, TurnRate
 from circnav_mav.mav.autopilots.interface import SetpointContext
@@ -23,7 +23,7 @@ SPEED_UP = 2.5
 from 0 to 5 m/s. The estimator would take its slower path for a drift."""
 LONGEST_GAP = 1.0
 """Gap between two reports of own motion, s, above which the vehicle may have stopped in between."""
-DEAF_AFTER = 1.0
+UNRESPONSIVE_AFTER = 1.0
 """Time without turning as commanded, s, after which the vehicle does not follow its commands. Reversing a turn takes
 less."""
 DOUBTED_AFTER = 0.7
@@ -47,7 +47,7 @@ class Controller:
         """Radius offset, m, and speed factor of the spacing in a fleet."""
         self._tuning = settings.tuning
         lag, gain, link = settings.turn_lag, settings.turn_gain, settings.timing.tick
-        self._answer = TurnAnswer(lag, orbit.max_turn_rate, gain=gain, link=link)
+        self._answer = LearnedResponse(lag, orbit.max_turn_rate, gain=gain, link=link)
         self._loop = ClosedLoop(orbit, settings.law, self._answer, settings.radius_trim)
         self._later, self._laps = list(settings.later_radii), LapCounter()
         self._changed_at = self._spaced_at = float("-inf")
@@ -107,18 +107,18 @@ class Controller:
     @property
     def followed(self) -> bool:
         """True if the vehicle turns as commanded."""
-        return bool(self._answer.by_command.followed)
+        return bool(self._answer.command_gain.followed)
 
     @property
     def at_speed(self) -> bool:
         """True if the vehicle has followed its commands for long enough to have the commanded speed."""
-        now = float(self._answer.by_command.time)
+        now = float(self._answer.command_gain.time)
         return now - self._followed_at <= DOUBTED_AFTER and now - self._slow_at >= SPEED_UP - SAME_TIME
 
     def on_motion(self, own: OwnMotion, nose: OwnMotion) -> None:
         """Update turn-rate gain, delay and `followed` from the vehicle's heading. nose: motion as reported."""
-        before = self._answer.by_command.time
-        if not self._loop.feel(own, nose):
+        before = self._answer.command_gain.time
+        if not self._loop.on_motion(own, nose):
             return
         if self.at_speed:
             self.lean = self.lean.follow(own)
@@ -126,7 +126,7 @@ class Controller:
             self._slow_at = self._followed_at = own.time
         if self.followed:
             self._followed_at = own.time
-        elif own.time - self._followed_at > DEAF_AFTER:
+        elif own.time - self._followed_at > UNRESPONSIVE_AFTER:
             self._slow_at = own.time
 
     def command(

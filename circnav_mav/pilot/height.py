@@ -102,10 +102,10 @@ class Height:
             return ""
         if self._zero is None:
             return (
-                "no home altitude (HOME_POSITION), from which orbit.target_above_home_m counts: set home, or give "
+                "no home altitude (HOME_POSITION), the reference of orbit.target_above_home_m: set home, or give "
                 "orbit.target_altitude_m or orbit.height_above_target_m instead"
             )
-        return "no altitude (VFR_HUD.alt), without which the height above the target is not known"
+        return "no altitude (VFR_HUD.alt), which the height above the target needs"
 
     def is_held(self, now: float) -> bool:
         """True if the last height is held because no altitude is received in flight."""

@@ -7,24 +7,26 @@ from dataclasses import dataclass, field
 from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.guidance.types import Direction
 
+STEPS, OLD_STEPS = "steps.csv", "turns.csv"
+"""Files of the steps in a run folder, and in run folders of earlier versions."""
 HELD_BACK = "held"
-"""Entry of turns.csv in place of a count of frames: the frames were not sent."""
+"""Entry of steps.csv in place of a count of frames: the frames were not sent."""
 
 
 @dataclass(slots=True)
 class LoopStep:
     """One step of the loop.
 
-    heard: (link, source, whole frames) of each datagram received. said: frames sent to the vehicle. hello: frames sent
-    to the ranging link. attached: frames that onlookers sent to the vehicle. requests: requests for another circle from
+    received: (link, source, whole frames) of each datagram. sent: frames sent to the vehicle. hello: frames sent to the
+    ranging link. attached: frames that onlookers sent to the vehicle. requests: requests for another circle from
     outside of the pilot. interrupt: reason why the flight was ended from outside in this step. held_back: True if
     nothing was sent because the step took too long. exchanged: frames between onlookers and systems other than the
     vehicle, such as the members of a fleet.
     """
 
     time: float
-    heard: list[tuple[str, Hashable, list[bytes]]] = field(default_factory=list)
-    said: list[bytes] = field(default_factory=list)
+    received: list[tuple[str, Hashable, list[bytes]]] = field(default_factory=list)
+    sent: list[bytes] = field(default_factory=list)
     hello: list[bytes] = field(default_factory=list)
     attached: list[bytes] = field(default_factory=list)
     requests: list[CircleRequest] = field(default_factory=list)
@@ -33,13 +35,13 @@ class LoopStep:
     exchanged: list[bytes] = field(default_factory=list)
 
     @property
-    def frames_heard(self) -> list[bytes]:
+    def received_frames(self) -> list[bytes]:
         """All frames received, in order."""
-        return [frame for _, _, datagram in self.heard for frame in datagram]
+        return [frame for _, _, datagram in self.received for frame in datagram]
 
 
 def requests_text(requests: list[CircleRequest]) -> str:
-    """Return requests as a cell of turns.csv, empty for none."""
+    """Return requests as a cell of steps.csv, empty for none."""
     plain = [
         [one.radius, one.direction and one.direction.value, one.speed, one.by, one.offset, one.pace] for one in requests
     ]
@@ -47,7 +49,7 @@ def requests_text(requests: list[CircleRequest]) -> str:
 
 
 def requests_from(text: str) -> list[CircleRequest]:
-    """Return the requests in a cell of turns.csv. Raises ValueError if the recorder cannot have written the cell."""
+    """Return the requests in a cell of steps.csv. Raises ValueError if the recorder cannot have written the cell."""
     try:
         return [
             CircleRequest(radius, direction and Direction(direction), speed, by, *spacing)

@@ -27,7 +27,7 @@ class Event(Enum):
     MODE_OURS = "guided mode entered"
     MODE_LEFT = "guided mode left"
     FINISH = "finish"
-    FINISH_OURS = "finish with a vehicle that we have flown, or asked for, and that still is in our mode"
+    FINISH_OURS = "finish while the vehicle is under our control, or its mode was requested"
     SAFE_SENT = "safe setpoint sent"
 
 
@@ -71,7 +71,13 @@ class Ending(Enum):
     COMPLETED = "completed"
     INTERRUPTED = "interrupted"
     ABORTED = "aborted"
-    NOTHING_HEARD = "nothing heard"
+    TAKEN_OVER = "ended"
+    """The mode was changed: by the operator, or by a failsafe of the autopilot."""
+    NOTHING_RECEIVED = "nothing received"
+
+
+NO_FAILURE = frozenset({Ending.COMPLETED, Ending.TAKEN_OVER})
+"""Endings that raise no alarm."""
 
 
 @dataclass(frozen=True, slots=True)

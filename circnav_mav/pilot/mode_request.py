@@ -29,18 +29,18 @@ class ModeRequest:
 
     def ask(self, session: Session, mode: int, now: float) -> str | None:
         """Request the mode again if a request is due. Return the reason if it failed for good, else None."""
-        said = f', the vehicle says "{session.texts[-1]}"' if session.texts else ""
+        report = f', the vehicle reports "{session.texts[-1]}"' if session.texts else ""
         refusals = [result for result in session.take_mode_results() if not result.accepted]
         if refusals:
             self._due = float("-inf")
-            return f"refused: {refusals[0].said}{said}"
+            return f"refused: {refusals[0].answer}{report}"
         if session.mode_requests_dropped > self._dropped and self._due > now:
             self._tries, self._due = self._tries - 1, now  # dropped unanswered: do not count it
         self._dropped = session.mode_requests_dropped
         if now < self._due or session.vehicle.mode == mode:
             return None
         if self._tries == TRIES:
-            return f"acknowledged, but the vehicle stays in {session.vehicle.mode_name}{said}"
+            return f"acknowledged, but the vehicle stays in {session.vehicle.mode_name}{report}"
         self._tries, self._due = self._tries + 1, now + PROOF
         session.commands.send(session.adapter.request_mode(mode))
         return None
@@ -71,12 +71,12 @@ class ExitAction:
             self.failure = f"exit action {action} {failure}"
         return failure is not None
 
-    def wait_to_speak(self, since: float, now: float) -> bool:
+    def wait_to_send(self, since: float, now: float) -> bool:
         """Wait while nothing may be sent: after a stall, or while the vehicle's identity is unconfirmed. Return True if
         this takes too long."""
         if now - since <= PATIENCE:
             return False
-        self.failure = "exit action not requested: not known who has the vehicle"
+        self.failure = "exit action not requested: no report of the vehicle's mode"
         return True
 
     def at_once(self, session: Session) -> list[Message]:

@@ -63,7 +63,7 @@ class FlightParameters:
     def _set_law(self, value: float, now: float) -> str:
         laws = list(LAWS)
         if value not in range(len(laws)):
-            return f"{value:g} is no law: " + ", ".join(f"{index} {name}" for index, name in enumerate(laws))
+            return f"{value:g} is not a law: " + ", ".join(f"{index} {name}" for index, name in enumerate(laws))
         return self._controller.change_law(laws[int(value)])
 
     def _set_hold(self, value: float, now: float) -> str:
@@ -78,7 +78,7 @@ class FlightParameters:
     def _set_exit(self, value: float, now: float) -> str:
         actions, adapter = (None, *MISSION_EXITS), self._session.adapter
         if value not in range(len(actions)):
-            return f"{value:g} is no exit action: 0 to {len(actions) - 1}"
+            return f"{value:g} is not an exit action: 0 to {len(actions) - 1}"
         action = actions[int(value)]
         able = action in (None, *adapter.exits) or (action == "stop" and not adapter.why_no_stop)
         if not able:

@@ -23,11 +23,11 @@ from circnav_mav.mav.session import LOST_AFTER, Session
 from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
 from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.air_path import AirPath
-from circnav_mav.pilot.authority import SILENT, TAKEN_OVER, Allowed, Authority
+from circnav_mav.pilot.authority import SILENT, Allowed, Authority
 from circnav_mav.pilot.conditions import NOT_FOLLOWING, Conditions
 from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.controller import Controller
-from circnav_mav.pilot.mission_state import Ending, Event, MissionState, Outcome, Phase
+from circnav_mav.pilot.mission_state import NO_FAILURE, Ending, Event, MissionState, Outcome, Phase
 from circnav_mav.pilot.mode_request import ExitAction
 from circnav_mav.pilot.parameters import FlightParameters
 from circnav_mav.pilot.range_tracker import RangeTracker
@@ -149,7 +149,7 @@ class Pilot:
         mission, stalled = self.mission, self._authority.may_be_backlog(now)
         self.tracker.ranging.moving = mission.steering and self.flies
         if self.tracker.receive(message, now, source, stalled=stalled, begun=mission.begun):
-            self.scheduler.heard(now)
+            self.scheduler.received(now)
 
     # --- output: one step -------------------------------------------------------------------------------------------
 
@@ -177,8 +177,8 @@ class Pilot:
         desired, self.estimate = self.controller.circle.radius, estimate
         command = self.controller.command(self.mission.phase, estimate, self.session.timesync.worst, now)
         message, yaw_rate = self._setpoint(command, now)
-        phase, spoke = self.mission.phase, False
-        if message is not None and (spoke := send(self.session.encode(message))):
+        phase, was_sent = self.mission.phase, False
+        if message is not None and (was_sent := send(self.session.encode(message))):
             self.setpoints_sent += 1
             self.second_controller.sent(message, now)
             if yaw_rate is not None:
@@ -188,7 +188,7 @@ class Pilot:
         if rest := b"".join(map(self.session.encode, self._housekeeping(estimate, command, now))):
             send(rest)
         record = tick_record(
-            now, phase, estimate, command, yaw_rate if spoke else None, desired=desired, session=self.session,
+            now, phase, estimate, command, yaw_rate if was_sent else None, desired=desired, session=self.session,
             tracker=self.tracker, controller=self.controller, law=self.settings.law.name,
         )  # fmt: skip
         self._records.append(record)
@@ -217,7 +217,7 @@ class Pilot:
 
     def _watch_takeover(self, now: float) -> None:
         """Stop sending setpoints in the same step in which a takeover is detected."""
-        takeover = self._authority.watch_takeover()
+        takeover = self._authority.watch_takeover(now)
         if self._authority.rebooted:
             self.tracker.estimator.reset()
         if takeover is None:
@@ -228,17 +228,17 @@ class Pilot:
         self.tracker.ranging.sender_stays = False
         if self.mission.outcome is not None:  # in LEAVING, the change of mode is the exit action taking effect
             return
-        what, reason = takeover
+        what, outcome = takeover
         self._say("yield", what, severity=MAV_SEVERITY_WARNING)
         if self.settings.end_on_takeover:
-            self._finish(Outcome(Ending.ABORTED, reason), now)
+            self._finish(outcome, now)
 
     def _watch_bounds(self, estimate: RangeEstimate | None, now: float) -> None:
         """End the flight if a bound is violated while steering, or if another companion uses our MAVLink ids."""
         session = self.session
         if session.doubled:
             ids = f"{session.encoder.system}/{self.settings.link.component_id}"
-            reason = f"another companion sends as {ids}: give one of us another component_id"
+            reason = f"another companion sends with our ids {ids}: change link.component_id of one of them"
             self._finish(Outcome(Ending.ABORTED, reason), now)
         if not self.mission.steering:
             return
@@ -294,8 +294,7 @@ class Pilot:
     def _finish(self, outcome: Outcome, now: float) -> None:
         if self.mission.finish(outcome, now, ours=self._authority.may_be_ours(now)):
             self.session.drop_mode_requests()
-            told = outcome.ending is Ending.COMPLETED or outcome.reason.startswith(TAKEN_OVER)
-            severity = MAV_SEVERITY_NOTICE if told else MAV_SEVERITY_WARNING
+            severity = MAV_SEVERITY_NOTICE if outcome.ending in NO_FAILURE else MAV_SEVERITY_WARNING
             self._say("end", f"ended, {outcome.reason}", severity=severity)
 
     # --- the setpoint
@@ -311,7 +310,7 @@ class Pilot:
             if allowed is Allowed.SAFE:
                 return self.controller.safe_setpoint(self.session, now, engaged=False), None
         except UnsafeSetpointError as error:
-            reason = f"internal error, unsafe setpoint held back: {error}"
+            reason = f"internal error, unsafe setpoint not sent: {error}"
             self._finish(Outcome(Ending.ABORTED, reason), now)
         return None, None
 
@@ -320,7 +319,7 @@ class Pilot:
         mission, exit_action = self.mission, self._exit_action
         if allowed is Allowed.NOTHING:
             ours = self.flies and self._authority.may_be_ours(now)
-            over = not ours or exit_action.wait_to_speak(mission.since, now)
+            over = not ours or exit_action.wait_to_send(mission.since, now)
         else:
             over = exit_action.go_on(self.session, mission.since, now)
         if over:
@@ -329,13 +328,13 @@ class Pilot:
             mission.outcome = replace(mission.outcome, reason=f"{mission.outcome.reason}; {exit_action.failure}")
         return None if allowed is Allowed.NOTHING else self.controller.safe_setpoint(self.session, now)
 
-    def last_words(self, now: float) -> bytes:
+    def last_frames(self, now: float) -> bytes:
         """Return the safe setpoint and a request of the exit action, to be sent after the pilot itself has failed.
         Return no bytes if the vehicle is not under our control."""
-        if not self._authority.may_say_last_words():
+        if not self._authority.may_send_last_frames():
             return b""
         words = [self.controller.safe_setpoint(self.session, now)]
-        if self._authority.may_ask_for_exit(now):
+        if self._authority.may_request_exit(now):
             words += self._exit_action.at_once(self.session)
         return b"".join(map(self.session.encode, words))
 
@@ -383,7 +382,7 @@ class Pilot:
         return self.path.own
 
     @property
-    def believed(self) -> str:
+    def trusted(self) -> str:
         """Trusted senders (vehicle and radio) with their addresses, human-readable, or an empty string."""
         peer, radio = self.session.peer, self.tracker.ranging.trusted
         if peer is None or radio is None:

@@ -82,13 +82,13 @@ class RangeTracker:
             message,
             now,
             height=height,
-            strangers=None if self._apart else identity.strangers,
+            other_vehicles=None if self._apart else identity.other_vehicles,
             one_way=self.one_way if begun else 0.0,
             source=source,
             vehicle=peer.source if peer else None,
         )
         if self.ranging.rival is not None and self.ranging.trusted is not None:
-            identity.rivals.heard(RADIO_NAME, self.ranging.rival, self.ranging.trusted, now)
+            identity.second_senders.received(RADIO_NAME, self.ranging.rival, self.ranging.trusted, now)
         if self.ranging.restarted:
             self.estimator.restamp()
             self._thinning.reset()

@@ -105,7 +105,7 @@ def tick_record(
         drift_x=where.drift_x if where else None,
         drift_y=where.drift_y if where else None,
         airspeed_scale=where.scale if where else None,
-        felt=where.feels if where else None,
+        felt=where.acceleration_weight if where else None,
         heading=motion.yaw,
         airspeed=motion.airspeed,
         altitude=motion.altitude,

@@ -33,7 +33,7 @@ class SecondController:
     def evidence(self, now: float) -> str:
         """Return the evidence that another program steers the vehicle, human-readable, or an empty string."""
         if self._session.commands.answered_unasked(now):
-            return "the vehicle answers commands in our name that we did not send"
+            return "the vehicle answers commands that were sent with our ids by another program"
         if not self._mission.steering or (turns := self._echo.other(now)) is None:
             return ""
         unit = "deg of bank" if self._session.adapter.banks else "deg/s"

@@ -10,7 +10,7 @@ from circnav_mav.pilot.mission_state import Ending, MissionState, Outcome, Phase
 from circnav_mav.pilot.range_tracker import FRESH, RangeTracker
 from circnav_mav.pilot.settings import VEHICLE, OutputMode, PilotSettings
 
-_NEEDS = {"auto": "", "kalman": "", "measured": "; it needs the measured range rate (ranging.rate_name), too"}
+_NEEDS = {"auto": "", "kalman": "", "measured": "; it also needs the measured range rate (ranging.rate_name)"}
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class StatusText:
         """Return the reason why the vehicle is not steered now, or an empty string."""
         phase = self.mission.phase
         if phase is Phase.WAIT_LINK:
-            rejected = self.connection.session.identity.rivals.recent(now) if self.mission.begun else ()
+            rejected = self.connection.session.identity.second_senders.recent(now) if self.mission.begun else ()
             return "; ".join(f"{line} until it reports its time since boot" for line in rejected) or self._no_vehicle()
         if phase is Phase.WAIT_RANGING:
             return self._not_ready(now)
@@ -48,9 +48,9 @@ class StatusText:
         if mission.begun or mission.started is None:
             return None
         if mission.phase is Phase.WAIT_LINK and now - mission.started > timing.wait_link:
-            return Outcome(Ending.NOTHING_HEARD, f"no vehicle: {self._no_vehicle()}")
+            return Outcome(Ending.NOTHING_RECEIVED, f"no vehicle: {self._no_vehicle()}")
         if mission.phase is Phase.WAIT_RANGING and waited > timing.wait_ranging:
-            return Outcome(Ending.NOTHING_HEARD, self._not_ready(now))
+            return Outcome(Ending.NOTHING_RECEIVED, self._not_ready(now))
         return None
 
     # --- missing data -----------------------------------------------------------------------------------------------
@@ -59,7 +59,7 @@ class StatusText:
         """Return a text about why no vehicle of the mission was found."""
         session = self.connection.session
         if session.up and session.vehicle.unproven:
-            return "not known whether this is the same vehicle: no boot time yet (ATTITUDE, SYSTEM_TIME)"
+            return "the vehicle's identity is not confirmed: no boot time yet (ATTITUDE, SYSTEM_TIME)"
         if session.misfits:
             return "; ".join(session.misfits.values())
         return f"no autopilot heartbeat, {self.connection.counts[VEHICLE].describe()}"
@@ -72,7 +72,7 @@ class StatusText:
         age, ready = tracker.age(now), tracker.estimator.ready
         if not ready and not missing and age is not None and age <= self.settings.timing.stale:
             name = self.settings.estimator
-            needs = _NEEDS.get(name, "; it needs the vehicle's own motion first (auto does not)")
+            needs = _NEEDS.get(name, "; it first needs the vehicle's motion (auto does not)")
             return f"{tracker.accepted} ranges accepted, estimator {name} has not converged yet{needs}"
         if ready and missing:
             return missing
@@ -80,11 +80,11 @@ class StatusText:
         if choice := sources.choice(now):
             return choice
         if ready and not sources.listened(now):
-            return "listening for a second range source"
+            return "checking for a second range source"
         wanted, rejected = RANGING_MESSAGES[self.settings.ranging.message], tracker.ranging.rejected
-        heard = self.connection.counts[self.connection.ranging_link].describe()
+        received = self.connection.counts[self.connection.ranging_link].describe()
         others = f"; {found}" if (found := sources.others(now)) else ""
-        words = f"rejected: {describe_rejected(rejected)}; {heard}{denied(self.connection.session)}{others}"
+        words = f"rejected: {describe_rejected(rejected)}; {received}{denied(self.connection.session)}{others}"
         return f"no ranging: no usable {wanted.type}, {words}"
 
     # --- lost data --------------------------------------------------------------------------------------------------
@@ -97,7 +97,7 @@ class StatusText:
         if tracker.ranging.clock.doubted:
             return f"no range for {waited:.1f} s: all rejected, the sensor clock stepped"
         if tracker.one_way > self.settings.timing.stale:
-            return f"no range for {waited:.1f} s: all rejected, the round trip takes {2 * tracker.one_way:.1f} s"
+            return f"no range for {waited:.1f} s: all rejected, the round-trip time is {2 * tracker.one_way:.1f} s"
         if jump := tracker.jumps.found:
             return f"no range for {waited:.1f} s: all rejected, they jumped by {jump:+.0f} m"
         return f"no range for {waited:.1f} s"

@@ -20,21 +20,21 @@ class TickScheduler:
         """tick: period of the steps, s."""
         self._tick = tick
         self._gaps: deque[float] = deque(maxlen=REMEMBERED)
-        self._heard_at: float | None = None
+        self._received_at: float | None = None
         self.due = float("-inf")
 
-    def heard(self, now: float) -> None:
+    def received(self, now: float) -> None:
         """Record the arrival of a range."""
-        if self._heard_at is not None:
-            self._gaps.append(now - self._heard_at)
-        self._heard_at = now
+        if self._received_at is not None:
+            self._gaps.append(now - self._received_at)
+        self._received_at = now
 
     def stepped(self, now: float) -> None:
         """Record a step of the pilot, and schedule the next one."""
         due = now + self._tick
         wait = WAIT * self._tick
         # by the median gap between ranges
-        expected = due if self._heard_at is None or not self._gaps else self._heard_at + median(self._gaps)
+        expected = due if self._received_at is None or not self._gaps else self._received_at + median(self._gaps)
         self.due = expected + wait if AT_ONCE < abs(due - expected) <= wait else due
 
     def at_once(self) -> None:

@@ -53,7 +53,7 @@ class Track(NamedTuple):
 
     @property
     def known(self) -> NDArray[np.intp]:
-        """Indices of the known points."""
+        """Indices of the estimated points."""
         return np.flatnonzero(np.isfinite(self.east) & np.isfinite(self.north))
 
 
@@ -104,7 +104,7 @@ def chart_data(ticks: Ticks, truth: Truth | None, orbit: Orbit, names: dict[str,
                             "steady": orbit.steady_turn_rate, "radii": ticks.radii(orbit.radius)},
         "span": span,
         "columns": {name: _plain(*column) for name, column in _columns(ticks, truth, orbit, span).items()},
-        "bands": {name: stretches(ticks.time, said) for name, said in words.items() if set(said) - {""}},
+        "bands": {name: stretches(ticks.time, spans) for name, spans in words.items() if set(spans) - {""}},
         "ways": [] if track is None else [_way(track)],
     }  # fmt: skip
 
@@ -119,7 +119,7 @@ def alarms(happened: list[Event]) -> list[tuple[float, str]]:
     severe = [event for event in happened if event.severe]
     begun = np.array([event.time for event in severe if event.kind == ALARM])
     again = [event.kind == OURS and bool(np.any(np.abs(begun - event.time) < SAME_ALARM)) for event in severe]
-    return [(event.time, event.text) for event, said in zip(severe, again, strict=True) if not said]
+    return [(event.time, event.text) for event, is_repeat in zip(severe, again, strict=True) if not is_repeat]
 
 
 def stretches(time: Column, words: list[str]) -> list[tuple[float, float, str]]:
@@ -143,11 +143,11 @@ def _columns(
     found["innovation"] = _dots(time[new], np.sqrt(numbers["nis"][new]))
     found |= {name: _rate(time, numbers[name], span) for name in ("accepted", "rejected")}
     if truth is None:
-        heard, measured = time[new], numbers["measured"][new]
-        before = np.searchsorted(heard, heard - 1.0)  # about a second
+        received, measured = time[new], numbers["measured"][new]
+        before = np.searchsorted(received, received - 1.0)  # about a second
         with np.errstate(invalid="ignore", divide="ignore"):
-            rate = (measured - measured[before]) / (heard - heard[before])
-        return found | {"differenced": _line(heard, np.where(np.isfinite(rate), rate, np.nan))}
+            rate = (measured - measured[before]) / (received - received[before])
+        return found | {"differenced": _line(received, np.where(np.isfinite(rate), rate, np.nan))}
     rising = np.diff(truth.sim_time, prepend=-np.inf) > 0
     if rising.sum() > 1:
         rate = np.gradient(truth.radius[rising], truth.sim_time[rising])
@@ -164,7 +164,7 @@ def _rate(time: Column, counted: Column, span: tuple[float, float]) -> tuple[Col
 
 
 def peaks(values: Column, stretches: int = STRETCHES) -> NDArray[np.intp]:
-    """Return the indices of at most two samples per stretch, which preserve every peak, and of one per gap."""
+    """Return the indices of at most two samples per stretch, which preserve every peak, and one per gap."""
     if len(values) <= 2 * stretches:
         return np.arange(len(values))
     keep: list[int] = []

@@ -19,7 +19,7 @@ const Charts = (() => {
         ["", -f.limit * DEGREES, "limit"], ...circles("steady circle", radius => f.steady * DEGREES * f.radius / radius)],
         lines: [["true", "true_turn", "true", turn], [f.commanded ?? "commanded", "turn_rate", "estimate", turn],
           ["steady command", "steady_command", "estimate dashed", turn]] },
-      { title: "drift: wind less target motion", unit: "m/s, towards", height: 130,
+      { title: "drift: wind minus target motion", unit: "m/s, towards", height: 130,
         lines: [["east", "drift_x", "estimate"], ["north", "drift_y", "north"]] },
       { title: "innovation", unit: "standard deviations", height: 130, shown: [0, 1.6 * f.gate],
         levels: [["gate", f.gate, "rejected"]], lines: [["of each new range", "innovation", "estimate", { dots: true }]] },
@@ -113,7 +113,7 @@ const Charts = (() => {
       if (v == null) pen = "M";
       else if (bars) path += v ? `M${at},${tall}V${px(y(v))}H${px(x(times[i + 1]))}V${tall}Z` : "";
       else if (!dots) { path += `${pen}${at},${px(y(v))}`; pen = "L"; }
-      else if (y(v) < 0 || y(v) > tall) beyond += y(v) < 0 ? `M${at},0l-3,5h6Z` : `M${at},${tall}l-3,-5h6Z`; // it points out of the frame
+      else if (y(v) < 0 || y(v) > tall) beyond += y(v) < 0 ? `M${at},0l-3,5h6Z` : `M${at},${tall}l-3,-5h6Z`; // points out of the frame
       else path += `M${at},${px(y(v))}h0`;
       if (times[i] > to) break; // one beyond either end, so that the line leaves the frame
     }
@@ -152,14 +152,15 @@ const Charts = (() => {
   const colour = (word, words = []) => KNOWN.get(word) ?? `other${[...new Set(words)].filter(one => one && !KNOWN.has(one)).indexOf(word) % 4}`;
 
   // --- the track: ways = [{ name, colour, times, east, north }], relative to the target, north up ---
-  function track(ways, radii, side, { view = [-Infinity, Infinity], marked = [], at = null, heading = null, drift = null } = {}) {
+  // others = [[name, [east, north]]]: places of other vehicles now.
+  function track(ways, radii, side, { view = [-Infinity, Infinity], marked = [], at = null, heading = null, drift = null, others = [] } = {}) {
     const here = ways.map(way => ({ ...way, known: way.times.flatMap((t, i) => way.east[i] != null && t >= view[0] && t <= view[1] ? [i] : []) }))
       .filter(way => way.known.length);
     if (!here.length) return null;
     const reach = 1.08 * here.reduce((most, way) => way.known.reduce((m, i) => Math.max(m, Math.abs(way.east[i]), Math.abs(way.north[i])), most), Math.max(...radii));
     const half = side / 2, scale = half / reach, length = nice(reach / 2), [main] = here;
     const place = (way, i) => [half + scale * way.east[i], half - scale * way.north[i]], point = (way, i) => place(way, i).map(px).join(",");
-    const whole = main.known[0] === 0 ? "" : " hollow"; // begins where the flight did, else where it was first known
+    const whole = main.known[0] === 0 ? "" : " hollow"; // filled at the start of the flight, hollow at the first estimate
     const parts = [`<rect width="${side}" height="${side}" class="plot"/>`,
       `<path d="M12,${side - 14}h${px(length * scale)}" class="axis"/><text x="12" y="${side - 20}">${length} m</text>`,
       `<path d="M${side - 18},34v-22l-5,9m5,-9l5,9" class="axis"/><text x="${side - 22}" y="48">N</text>`,
@@ -176,6 +177,10 @@ const Charts = (() => {
       parts.push(`<g class="place ${kind}"><title>${escaped(words)}, ${round(from)} s</title><circle cx="${px(x)}" cy="${px(y)}" r="7.5"/>`
         + `<text x="${px(x)}" y="${px(y + 4)}" text-anchor="middle">${LETTERS[kind]}</text></g>`);
     }
+    for (const [name, [east, north]] of others) {
+      const [x, y] = [half + scale * east, half - scale * north];
+      parts.push(`<circle cx="${px(x)}" cy="${px(y)}" r="6" class="now desired"/><text x="${px(x + 9)}" y="${px(y + 4)}">${escaped(name)}</text>`);
+    }
     for (const way of at == null ? [] : [...here].reverse()) { // the first one, with its heading, on top
       const i = find(way.times, at);
       if (i < 0 || way.east[i] == null) continue;
@@ -190,7 +195,7 @@ const Charts = (() => {
   function driftArrow([east, north], side) {
     const speed = Math.hypot(east, north), turn = Math.atan2(east, north) * DEGREES;
     const sign = speed < .05 ? "" : `<path d="M0,14V-14l-5,9m5,-9l5,9" transform="rotate(${px(turn)})" class="axis drift"/>`;
-    return `<g transform="translate(${side - 112},${side - 26})"><title>estimated drift: wind less target motion</title>${sign}`
+    return `<g transform="translate(${side - 112},${side - 26})"><title>estimated drift: wind minus target motion</title>${sign}`
       + `<text x="20" y="4">drift ${speed.toFixed(1)} m/s</text></g>`;
   }
 
@@ -249,8 +254,9 @@ const Charts = (() => {
       const drift = [newest("drift_x", at ?? Infinity), newest("drift_y", at ?? Infinity)];
       const side = Math.max(Math.min(map.clientWidth, 520), 240), marked = marks(model.bands, model.alarms);
       const drawn = track(model.ways, model.flight.radii ?? [model.flight.radius], side, { view: view ?? undefined, marked, at, heading,
-        drift: drift.includes(null) ? null : drift });
-      const keys = drawn && [...model.ways.map(way => key(way.name, way.colour)), key("desired", "desired")].join("");
+        drift: drift.includes(null) ? null : drift, others: time === null ? model.others : [] });
+      const other = model.others?.length ? [key("other vehicles", "desired")] : [];
+      const keys = drawn && [...model.ways.map(way => key(way.name, way.colour)), key("desired", "desired"), ...other].join("");
       map.innerHTML = drawn ? `<figcaption><b>track</b> <span class="unit">relative to the target</span>${keys}</figcaption>`
         + `<svg viewBox="0 0 ${side} ${side}" class="track" role="img" aria-label="track">${drawn}</svg>`
         : '<p class="none">No track: range alone does not tell where it flies.</p>';

@@ -20,7 +20,7 @@ MOST_EVENTS = 60
 """Events listed on the page. Of more, the first and the last half. Chosen."""
 LABEL = 13
 """Width of the labels of a verdict, characters."""
-OUTCOMES = {"COMPLETED": "good", "INTERRUPTED": "warn"}
+OUTCOMES = {"COMPLETED": "good", "INTERRUPTED": "warn", "ENDED": "neutral"}
 """Color class of an outcome. All others are "bad"."""
 PAGE = Path(__file__).with_name("report.template.html")
 
@@ -30,12 +30,12 @@ def write_report(
 ) -> Path:
     """Write report.html of a run with at least two ticks into its folder, atomically. Raises RunError, OSError.
 
-    circles: description. gate: innovation gate, standard deviations. verdict: text whose first line is the outcome.
+    circles: description. gate: innovation gate, standard deviations. verdict: text with the outcome in its first line.
     settings: values by key. added: HTML of extras.
     """
-    mode, happened = next((mode for mode in OutputMode if mode.value == run.voice), OutputMode.FLY), events(run)
+    mode, happened = next((mode for mode in OutputMode if mode.value == run.output_mode), OutputMode.FLY), events(run)
     names = {phase.value: phase_name(phase, mode) for phase in Phase}  # with the names used when nothing was sent
-    commanded = "commanded" if run.voice == OutputMode.FLY.value else "would command"
+    commanded = "commanded" if run.output_mode == OutputMode.FLY.value else "would command"
     data = chart_data(run.ticks, run.truth, orbit, names, gate=gate, commanded=commanded)
     outcome, _, figures = verdict.partition("\n")
     parts = {
@@ -77,20 +77,18 @@ def _vehicle(run: Run) -> str:
     autopilot = run.manifest.get("autopilot") or {}
     when = datetime.fromtimestamp(run.epoch_us / 1e6, UTC)
     firmware = autopilot.get("firmware") or run.summary.get("firmware")
-    return (
-        f"{when:%Y-%m-%d %H:%M} UTC, {autopilot.get('name') or 'vehicle not known'}, firmware {firmware or 'not known'}"
-    )
+    return f"{when:%Y-%m-%d %H:%M} UTC, {autopilot.get('name') or 'vehicle unknown'}, firmware {firmware or 'unknown'}"
 
 
 def _track_words(run: Run) -> str:
     """Return the caption of the track: true, estimated or unknown."""
     track = known_track(run.ticks, run.truth)
     if track is None:
-        return "Range alone does not tell where it flew, and there is no truth: see range over time."
+        return "Position unknown: range alone does not determine it, and the run has no truth. See range over time."
     words = "The simulator's truth, relative to the target. Triangle: start."
     if not track.true:
-        first = f"first believed at {track.time[track.known[0]]:.1f} s (triangle)"
-        words = f"Estimated position relative to the target, where it was known: {first}."
+        first = f"first estimate at {track.time[track.known[0]]:.1f} s (triangle)"
+        words = f"Estimated position relative to the target: {first}."
     return f"{words} Cross: target. Dashed: desired circle."
 
 
@@ -103,11 +101,11 @@ def picture(path: Path, alt: str, style: str = "") -> str:
 
 def _events(happened: list[Event], names: dict[str, str]) -> str:
     """Return the table rows of events, without rejected ranges and laws. Of many, the first and the last."""
-    told = [event for event in happened if event.kind not in ("rejected", "law")]
+    listed = [event for event in happened if event.kind not in ("rejected", "law")]
     rows = [
         f"<tr><td>{event.time:.1f} s</td><td>{escape(event.kind)}</td>"
         f"<td>{escape(names.get(event.text, event.text))}</td></tr>"
-        for event in told
+        for event in listed
     ]
     if len(rows) > MOST_EVENTS:
         half = MOST_EVENTS // 2

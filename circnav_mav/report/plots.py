@@ -1,4 +1,4 @@
-"""Plots of a run: flight.png (track if known, range, error, turn rate) and replay.png, and functions that all plots
+"""Plots of a run: flight.png (track if estimated, range, error, turn rate) and replay.png, and functions that all plots
 share."""
 
 from pathlib import Path
@@ -48,7 +48,7 @@ def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, tit
         _estimated_and_true(r, ticks, truth, less=0 * desired)
         _steps(r, time, desired, "desired")
         band = TOLERANCE * desired
-        error.fill_between(time, -band, band, color=DESIRED, alpha=0.12, lw=0, label=f"+-{100 * TOLERANCE:.0f} %")
+        error.fill_between(time, -band, band, color=DESIRED, alpha=0.12, lw=0, label=f"±{100 * TOLERANCE:.0f} %")
         _estimated_and_true(error, ticks, truth, less=desired)
         error.set_ylim(-3 * band.max(), 3 * band.max())
         _turn_rate(turn, ticks, truth, orbit)
@@ -66,7 +66,7 @@ def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, tit
 
 
 def plot_replay(path: Path, was: Ticks | None, would: Ticks, orbit: Orbit, title: str) -> None:
-    """Draw estimates and commands of the replay, and those of the flight if known, and write a PNG. Raises OSError."""
+    """Draw estimates and commands of the replay, and of the flight (`was`) if given. Raises OSError."""
     columns = ("r", "range, m", 1.0), ("r_dot", "range rate, m/s", 1.0), ("turn_rate", "turn rate, deg/s", 180 / np.pi)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(11, 8), layout="constrained")
@@ -91,7 +91,7 @@ def _track(axis: Any, track: Track, radii: list[float]) -> None:
         axis.plot(*circle, "--", color=DESIRED, lw=1.5, label=label_once, zorder=3)  # above the track
     axis.plot(track.east, track.north, color=colour, lw=1.0, label=label)
     east, north = track.east[track.known], track.north[track.known]
-    begins = {"mfc": "red", "label": "start"} if track.true else {"mfc": "none", "label": "first believed"}
+    begins = {"mfc": "red", "label": "start"} if track.true else {"mfc": "none", "label": "first estimate"}
     axis.plot(east[0], north[0], "^", mec="red", ms=9, **begins)
     axis.plot(0, 0, "k+", ms=12, mew=2, label="target")
     for at in _arrow_places(east, north):

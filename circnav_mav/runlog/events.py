@@ -14,15 +14,15 @@ from circnav_mav.runlog.tlog import read_messages
 STATUSTEXT = 253
 """MAVLink message id."""
 OUR_COMPONENTS = range(191, 195)
-OURS, ALARM = "circnav says", "alarm"
-SEVERE = {"vehicle says": 3, OURS: 4}
+OURS, ALARM = "circnav message", "alarm"
+SEVERE = {"vehicle message": 3, OURS: 4}
 """Least severe MAV_SEVERITY that counts as severe: ERROR and WARNING. A smaller number is more severe."""
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One event. time: run time, s. kind: phase, mode, law, rejected, alarm (when it began), vehicle says, circnav
-    says. severe: True for alarms, errors of the vehicle, warnings of circnav, or worse."""
+    """One event. time: run time, s. kind: phase, mode, law, rejected, alarm (when it began), vehicle message, circnav
+    message. severe: True for alarms, errors of the vehicle, warnings of circnav, or worse."""
 
     time: float
     kind: str
@@ -53,7 +53,7 @@ def _texts(run: Run) -> list[Event]:
     newest: dict[Ids, int] = {}
     for stamp, message in read_messages(run.folder / "flight.tlog", {STATUSTEXT}):
         sender = ids(message)
-        who = OURS if sender[1] in OUR_COMPONENTS else "vehicle says"
+        who = OURS if sender[1] in OUR_COMPONENTS else "vehicle message"
         text, before = reader.read(message)
         text = text.removeprefix("circnav: ")  # the prefix of circnav's own texts
         if before is None:

@@ -20,7 +20,7 @@ from circnav_mav.mav.ranging.reader import RangeReader
 from circnav_mav.mav.ranging.sources import RangeSource
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.pilot import Pilot
-from circnav_mav.pilot.loop_step import HELD_BACK, LoopStep, requests_from
+from circnav_mav.pilot.loop_step import HELD_BACK, OLD_STEPS, STEPS, LoopStep, requests_from
 from circnav_mav.runlog.tlog import message_id, read_tlog, read_unbroken
 
 LINKS = {"v": "vehicle", "r": "ranging"}
@@ -34,10 +34,16 @@ LONGEST_SILENCE = 3_600_000_000
 """Longest gap in a log, us. A larger step forward is a clock that was set, such as from 1970 to now."""
 
 
+def steps_file(folder: Path) -> Path:
+    """Return the path of the steps of a run folder, also of an earlier version."""
+    old = folder / OLD_STEPS
+    return old if old.is_file() else folder / STEPS
+
+
 def recorded_steps(folder: Path) -> Iterator[LoopStep]:
     """Yield the steps of a run folder, up to the first damage or the end of a file. Raises OSError."""
     frames = (frame for _, frame in read_unbroken(folder / "flight.tlog"))
-    with closing(read_lines(folder / "turns.csv", errors="replace")) as lines:
+    with closing(read_lines(steps_file(folder), errors="replace")) as lines:
         rows = csv.reader(lines)
         try:
             next(rows, ())
@@ -50,12 +56,12 @@ def recorded_steps(folder: Path) -> Iterator[LoopStep]:
 
 def has_requests(folder: Path) -> bool:
     """True if the run folder was recorded by a version that stores requests for another circle. Raises OSError."""
-    with (folder / "turns.csv").open(encoding="utf-8", errors="replace") as file:
+    with steps_file(folder).open(encoding="utf-8", errors="replace") as file:
         return "requests" in file.readline()
 
 
 def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
-    """Return the step of a row of turns.csv, with its frames from the tlog. Raises ValueError or KeyError for a damaged
+    """Return the step of a row of steps.csv, with its frames from the tlog. Raises ValueError or KeyError for a damaged
     row or missing frames."""
 
     def take(count: int) -> list[bytes]:
@@ -64,12 +70,12 @@ def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
             raise ValueError("the log ends")
         return taken
 
-    time_us, datagrams, said, hello, interrupt, *later = row
-    parts, held_back = (datagram.partition("*") for datagram in datagrams.split()), said == HELD_BACK
+    time_us, datagrams, sent, hello, interrupt, *later = row
+    parts, held_back = (datagram.partition("*") for datagram in datagrams.split()), sent == HELD_BACK
     return LoopStep(
         int(time_us) / 1e6,
-        heard=[(LINKS[source[:1]], source, take(int(count))) for source, _, count in parts],
-        said=take(0 if held_back else int(said or 0)),
+        received=[(LINKS[source[:1]], source, take(int(count))) for source, _, count in parts],
+        sent=take(0 if held_back else int(sent or 0)),
         hello=take(int(hello or 0)),
         attached=take(int(later[0] or 0) if later else 0),
         requests=requests_from(later[1]) if len(later) > 1 else [],
@@ -80,9 +86,9 @@ def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
 
 
 def tlog_steps(path: Path, ours: int, clock: "LogClock | None" = None) -> Iterator[LoopStep]:
-    """Yield steps reconstructed from a plain tlog. Frames of one timestamp are received together, on one link.
+    """Yield steps reconstructed from a plain tlog. Frames with the same timestamp are received together, on one link.
 
-    ours: component id of circnav, whose frames are left out because they were sent. clock: records where the clock of
+    ours: component id of circnav: its frames are left out because they were sent. clock: records where the clock of
     the timestamps was set. Step times start at the first timestamp and never decrease. Raises OSError.
     """
     clock = LogClock() if clock is None else clock
@@ -104,11 +110,11 @@ class LogClock:
     """Run time from the timestamps (us) of a plain tlog, whose clock may have been set during the flight.
 
     A step of the clock counts as no time, and a single wrong timestamp is ignored. steps: (run time, size) of each
-    step, s. lone: error of each single wrong timestamp, s.
+    step, s. single: error of each single wrong timestamp, s.
     """
 
     steps: list[tuple[float, float]] = field(default_factory=list)
-    lone: list[float] = field(default_factory=list)
+    single: list[float] = field(default_factory=list)
     _newest: int | None = None
     _run: int = 0
 
@@ -118,30 +124,34 @@ class LogClock:
         moved = stamp - newest
         # A timestamp far off is either a damaged record or a clock that was set. The timestamp after it decides: if it
         # continues from the old time, the record was damaged. If it stays at the new time, the clock was set.
-        alone = following is not None and _is_lone(moved, following - newest)
+        alone = following is not None and _is_single(moved, following - newest)
         if -DISORDER <= moved <= USUAL or (0 < moved <= LONGEST_SILENCE and not alone):
             self._newest, self._run = newest + max(moved, 0), self._run + max(moved, 0)
         elif alone:
-            self.lone.append(moved / 1e6)
+            self.single.append(moved / 1e6)
         else:
             self.steps.append((self._run / 1e6, moved / 1e6))
             self._newest = stamp
         return self._run / 1e6
 
     def __str__(self) -> str:
-        """Describe the problems of the timestamps. Empty if there are none."""
+        """Describe the problems of the timestamps. Empty for none."""
         problems = []
         if self.steps:
             at, size = max(self.steps, key=lambda step: abs(step[1]))
             how_many = "1 time" if len(self.steps) == 1 else f"{len(self.steps)} times, at most"
-            problems.append(f"its clock steps {how_many} by {size:+.1f} s (at {at:.1f} s), which is taken for no time")
-        if self.lone:
-            how_many = "1 lone stamp is" if len(self.lone) == 1 else f"{len(self.lone)} lone stamps are, at most,"
-            problems.append(f"{how_many} off by {max(self.lone, key=abs):+.1f} s")
+            problems.append(f"its clock steps {how_many} by {size:+.1f} s (at {at:.1f} s), which is ignored")
+        if self.single:
+            how_many = (
+                "1 single timestamp is"
+                if len(self.single) == 1
+                else f"{len(self.single)} single timestamps are, at most,"
+            )
+            problems.append(f"{how_many} off by {max(self.single, key=abs):+.1f} s")
         return "; ".join(problems)
 
 
-def _is_lone(moved: int, then: int) -> bool:
+def _is_single(moved: int, then: int) -> bool:
     """True if only one timestamp is far off and the one after it continues from the last. Both relative to the last,
     us."""
     return -DISORDER <= then <= LONGEST_SILENCE and (moved < 0 or then < moved - DISORDER)
@@ -154,7 +164,7 @@ _OF_ANOTHER = (Reject.WRONG_SOURCE.value, Reject.OTHER_SENSOR.value, Reject.AMBI
 
 @dataclass(slots=True)
 class RangeCounts:
-    """Counts of the ranges of one source. ignored: those that fit the mission while another source was used."""
+    """Counts of the ranges of a source. ignored: ranges that fit the mission while another source was used."""
 
     messages: int = 0
     taken: int = 0
@@ -180,7 +190,7 @@ class LogSources:
         wanted = frozenset({HEARTBEAT, *(one.id for one in RANGING_MESSAGES.values())})
         decoder, reader = Decoder(wanted=wanted), RangeReader(self.settings)
         for step in steps:
-            for frame in (frame for frame in step.frames_heard if message_id(frame) in wanted):
+            for frame in (frame for frame in step.received_frames if message_id(frame) in wanted):
                 for message in decoder.decode(frame):
                     self._count(message, reader, step.time)
             yield step
@@ -189,7 +199,7 @@ class LogSources:
 
     @property
     def candidates(self) -> list[RangeSource]:
-        """Sources that fit the mission, if there are several and the mission does not select one."""
+        """Sources that fit the mission, if several do and the mission does not select one."""
         named = self.settings.system_id is not None or self.settings.component_id is not None
         fit = [source for (_, source), counts in self.ranging.items() if counts.taken or (counts.ignored and not named)]
         return fit if len(fit) > 1 else []

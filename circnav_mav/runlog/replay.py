@@ -26,7 +26,7 @@ Sent = list[tuple[float, bytes]]
 
 
 @dataclass(slots=True)
-class Replayed:
+class ReplayResult:
     """Result of a replay. sent, was_sent: (time, frame) sent in the replay and in the log, in order. until: time of the
     last step, s. ended: time when the pilot was done, s, or None; later steps are ignored."""
 
@@ -60,15 +60,15 @@ class Replayed:
         return next((min(one[0], other[0]) for one, other in pairs if one != other), None)
 
 
-def replay(pilot: Pilot, steps: Iterable[LoopStep], *, ticking: bool = False) -> Replayed:
+def replay(pilot: Pilot, steps: Iterable[LoopStep], *, ticking: bool = False) -> ReplayResult:
     """Feed steps to a pilot at their times. ticking: add ticks when due, for logs without all steps."""
-    done = Replayed()
+    done = ReplayResult()
     for step in steps:
-        heard_until = min(step.time, done.until + LONGEST_GAP)
-        while ticking and done.steps and pilot.scheduler.due < heard_until and not pilot.done:
+        received_until = min(step.time, done.until + LONGEST_GAP)
+        while ticking and done.steps and pilot.scheduler.due < received_until and not pilot.done:
             _step(pilot, pilot.scheduler.due, done)
         if not pilot.done:
-            for link, source, frames in step.heard:
+            for link, source, frames in step.received:
                 for frame in frames:
                     pilot.receive(frame, step.time, source, link)
             for request in step.requests:
@@ -77,14 +77,14 @@ def replay(pilot: Pilot, steps: Iterable[LoopStep], *, ticking: bool = False) ->
                 pilot.interrupt(step.time, step.interrupt)
             _step(pilot, step.time, done, held_back=step.held_back)
             pilot.take_frames()
-        done.was_sent += [(step.time, frame) for frame in step.said + step.hello]
-        done.frames += len(step.frames_heard)
+        done.was_sent += [(step.time, frame) for frame in step.sent + step.hello]
+        done.frames += len(step.received_frames)
         done.steps += 1
         done.until = step.time
     return done
 
 
-def _step(pilot: Pilot, now: float, done: Replayed, *, held_back: bool = False) -> None:
+def _step(pilot: Pilot, now: float, done: ReplayResult, *, held_back: bool = False) -> None:
     def send(data: bytes) -> bool:
         if not held_back:
             done.sent += [(now, frame) for frame in split_frames(data)]

@@ -30,7 +30,7 @@ class _Manifest(BaseModel, strict=True):
     """Values of manifest.json that are read back. Their types are checked, because a user may have edited the file."""
 
     mission: str | None = None
-    voice: str | None = None
+    output_mode: str | None = None
     outcome: str | None = None
     reason: str | None = None
     seeds: dict[str, Any] | None = None
@@ -66,9 +66,9 @@ class Run:
     epoch_us: int
 
     @property
-    def voice(self) -> str:
+    def output_mode(self) -> str:
         """Output mode of the pilot, "fly" by default."""
-        return str(self.manifest.get("voice", "fly"))
+        return str(self.manifest.get("output_mode") or "fly")
 
     @property
     def name(self) -> str:
@@ -105,27 +105,34 @@ class Run:
         return f"flight.tlog: {found} ({first}{until:.1f} s of {end:.1f} s)"
 
 
+def is_run(folder: Path) -> bool:
+    """True if a folder holds the files of a run."""
+    return (folder / "flight.tlog").is_file() and (folder / "mission.toml").is_file()
+
+
 def open_run(folder: Path) -> Run:
     """Open a run folder. Raises RunError."""
     if not folder.exists():
         raise RunError(f"{folder}: no such run folder")
-    if not folder.is_dir() or not (folder / "flight.tlog").is_file() or not (folder / "mission.toml").is_file():
+    if not is_run(folder):
         raise RunError(f"{folder}: is not a run folder: flight.tlog or mission.toml is missing")
     manifest, summary = _table(folder / "manifest.json"), dict[str, Any]()
+    if "voice" in manifest:  # the key in run folders of earlier versions
+        manifest.setdefault("output_mode", manifest.pop("voice"))
     with suppress(RunError):  # its figures can be computed again
         summary = _table(folder / "summary.json")
     _check_types(folder / "manifest.json", manifest, _Manifest)
     _check_types(folder / "summary.json", summary, _Summary)
     epoch = manifest.get("epoch_us") or summary.get("epoch_us")
     if type(epoch) is not int or not 0 < epoch < YEAR_2100_US:
-        raise RunError(f"{folder}: neither manifest.json nor summary.json tells when the run began (epoch_us)")
+        raise RunError(f"{folder}: neither manifest.json nor summary.json has the start time of the run (epoch_us)")
     with _refusing(folder / "mission.toml"):
         text = read_text(folder / "mission.toml")
     return Run(folder, text, manifest, summary, epoch)
 
 
 def _table(path: Path) -> dict[str, Any]:
-    """Return the table of a JSON file. Empty if there is no such file, or no table in it. Raises RunError."""
+    """Return the table of a JSON file. Empty without the file, or without a table in it. Raises RunError."""
     with _refusing(path):
         table = read_json(path) if path.exists() else {}
         return table if isinstance(table, dict) else {}

@@ -74,10 +74,10 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
     # sense of most of the commanded turning in the last third: turns on the way to the circle do not count
     turned = np.nansum(metrics.last_part(ticks.time[flown & steered], ticks.numbers["turn_rate"][flown & steered]))
     commanded = None if turned == 0 else Direction.COUNTERCLOCKWISE if turned > 0 else Direction.CLOCKWISE
-    told = asdict(facts)
+    summary = asdict(facts)
     for used in ("orbit", "engaged_s", "until_s", "later_radii"):
-        del told[used]
-    return told | {
+        del summary[used]
+    return summary | {
         "desired_radius_m": orbit.radius,
         "direction": orbit.direction.value,
         "direction_commanded": commanded.value if commanded else None,
@@ -107,7 +107,7 @@ def _problem(problem: str | None, ticks: Ticks, truth: Truth | None, end: float)
 
 
 def _circles(ticks: Ticks, known: NDArray[np.bool_], first: float, start: float) -> list[dict[str, Any]]:
-    """Return the figures of each circle that was begun, in order, each from its start to that of the next."""
+    """Return the figures of each circle that was begun, in order, each from its start to the start of the next one."""
     desired, at = ticks.desired(first), np.flatnonzero(known)
     circles: list[dict[str, Any]] = []
     for part in np.split(at, np.flatnonzero(np.diff(desired[at])) + 1):

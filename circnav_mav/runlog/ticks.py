@@ -111,7 +111,7 @@ def read_ticks(folder: Path) -> Ticks:
                     raise ValueError(f"line {line}: time: {times[-1]:.6f} comes after {times[-2]:.6f}")
     count = len(times)
     if count > 1 and times[0] == times[-1]:
-        raise ValueError("line 3: time: stands still to the end")
+        raise ValueError("line 3: time: does not increase to the end")
     missing = NAMES - set(header)
     words |= {name: [""] * count for name in missing & WORDS}
     numbers |= {name: array("d", [nan]) * count for name in missing - WORDS}

@@ -20,7 +20,7 @@ LONGEST = STAMP + 280
 CHUNK = 1 << 20
 """Bytes read at a time. Chosen."""
 LATEST = 14
-"""Largest second byte of a timestamp, whose first byte is 0: a time before 2105."""
+"""Largest second byte of a timestamp after a first byte of 0: a time before 2105."""
 RECORD = re.compile(rb"\x00[\x00-\x0e].{6}[\xfd\xfe]", re.DOTALL)
 """Start of a record: a plausible timestamp and a magic byte."""
 
@@ -119,7 +119,7 @@ def _records(path: Path) -> Iterator[tuple[int, int, bytes]]:
 
 
 def _end(data: bytes, at: int) -> int | None:
-    """Return the end of the record that may begin here, or None if there is none or it is incomplete."""
+    """Return the end of the record that may begin here, or None without one, or if it is incomplete."""
     start = at + STAMP
     if len(data) < start + 3 or data[at] or data[at + 1] > LATEST:
         return None

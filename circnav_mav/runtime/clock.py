@@ -62,7 +62,7 @@ class AutopilotClock(Clock):
         super().__init__(speed)
         self._boot_time = boot_time
         self._local = self._now = 0.0
-        self._heard: deque[tuple[float, float]] = deque()
+        self._received: deque[tuple[float, float]] = deque()
         self._measured = False
 
     def now(self) -> float:
@@ -72,27 +72,27 @@ class AutopilotClock(Clock):
         self._local = local
         boot = self._boot_time()
         if boot is not None:
-            self._hear(boot)
+            self._on_boot_time(boot)
         return round(self._now * 1e6) / 1e6
 
-    def _hear(self, boot: float) -> None:
+    def _on_boot_time(self, boot: float) -> None:
         """Update the speed from a newer boot time. After a jump, restart the measurement at the same speed."""
-        if self._heard:
-            then, before = self._heard[-1]
+        if self._received:
+            then, before = self._received[-1]
             step, expected = boot - before, self.speed * (self._local - then)
             if -OUT_OF_STEP < step <= 0:
                 return  # nothing new, or two messages arrived out of order
             if step < 0 or (self._measured and abs(step - expected) > OUT_OF_STEP):
-                self._heard.clear()
+                self._received.clear()
                 self._measured = False
-        self._heard.append((self._local, boot))
+        self._received.append((self._local, boot))
         self._measure()
 
     def _measure(self) -> None:
         """Set the speed from the last SPAN, or from the last two messages if they are further apart."""
-        while len(self._heard) > 2 and self._local - self._heard[1][0] >= SPAN:
-            self._heard.popleft()
-        (began, at_first), (ended, at_last) = self._heard[0], self._heard[-1]
+        while len(self._received) > 2 and self._local - self._received[1][0] >= SPAN:
+            self._received.popleft()
+        (began, at_first), (ended, at_last) = self._received[0], self._received[-1]
         if ended - began >= SHORTEST_SPAN:
             self.speed = min(max((at_last - at_first) / (ended - began), SLOWEST), FASTEST)
             self._measured = True

@@ -16,7 +16,7 @@ from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runtime.onlookers import Onlooker, Onlookers
 from circnav_mav.runtime.picture import Picture
-from circnav_mav.runtime.status import Begun, Status, Watch, kind, shown
+from circnav_mav.runtime.status import NewAlarms, Status, StatusSource, kind, shown
 
 PICTURES_A_SECOND = 4
 """Refreshes of the live picture per real second. Chosen: more cannot be read."""
@@ -30,7 +30,7 @@ class PlainScreen:
 
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._alarms = Begun()
+        self._alarms = NewAlarms()
         self._waits = ""
         self._ended = False
         self._newest: dict[str, str] = {}
@@ -42,7 +42,7 @@ class PlainScreen:
         if not (ended and self._ended):
             self._print(one_line(status))
         if status.flown is not None:
-            self._print_new("BELIEVED", status.believed, status.believed)
+            self._print_new("TRUSTED", status.trusted, status.trusted)
         for label, words in status.added.items():
             self._print_new(label.upper(), words, kind(words))
         waits, self._waits = self._waits, kind(status.waits)
@@ -52,7 +52,7 @@ class PlainScreen:
             self._print(f"  ALARM    {alarm}")
 
     def close(self) -> None:
-        """Do nothing: there is no state to restore."""
+        """Do nothing: no state to restore."""
 
     def _print_new(self, label: str, text: str, about: str) -> None:
         """Print a text under this label unless it is of the same kind as the last one."""
@@ -94,7 +94,7 @@ class Display(Onlooker):
     def __init__(self, screen: Screen, pilot: Pilot, onlookers: Onlookers, period: float, *, last: bool) -> None:
         """period: run time between two refreshes, s. last: draw the end of the flight even if no refresh is due."""
         self._screen, self._pilot, self._period, self._last = screen, pilot, period, last
-        self._watch = Watch(pilot, onlookers)
+        self._watch = StatusSource(pilot, onlookers)
         self._due = 0.0
         self.problem: str | None = None
         """Reason why drawing stopped, or None. A closed terminal is no problem."""

@@ -10,19 +10,19 @@ from typing import Any
 
 REMEDIES: dict[int | None, str] = {
     errno.EADDRINUSE: "port is in use by another program: close it, or choose another port",
-    errno.ECONNREFUSED: "nobody listens there (connection refused)",
+    errno.ECONNREFUSED: "connection refused: no program listens at this address",
     errno.ENOENT: "no such device",
     errno.EAGAIN: "TX buffer full: lower stream rates or raise the baud rate",
 }
 
 
 class LinkError(Exception):
-    """One-line message: an endpoint that cannot be opened. nobody: True if the peer refused, False for a local
+    """One-line message: an endpoint that cannot be opened. no_peer: True if the peer refused, False for a local
     error."""
 
-    def __init__(self, text: str, *, nobody: bool = False) -> None:
+    def __init__(self, text: str, *, no_peer: bool = False) -> None:
         super().__init__(text)
-        self.nobody = nobody
+        self.no_peer = no_peer
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +78,6 @@ def explain(error: Exception) -> str:
     if isinstance(error, termios.error):  # not an OSError, but has the same arguments
         error = OSError(*error.args)
     if isinstance(error, socket.gaierror | UnicodeError):  # UnicodeError: `10.0..1` cannot be a name
-        return "host name is not known"
-    said = getattr(error, "strerror", None) or error
-    return REMEDIES.get(getattr(error, "errno", None), str(said).lower())
+        return "unknown host name"
+    message = getattr(error, "strerror", None) or error
+    return REMEDIES.get(getattr(error, "errno", None), str(message).lower())

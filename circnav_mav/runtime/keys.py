@@ -32,17 +32,17 @@ def read_key(path: Path) -> bytes:
     except OSError as error:
         raise KeyFileError(f"{path}: cannot be read: {error.strerror or error}") from None
     if mode & 0o077:
-        raise KeyFileError(f"{path}: others can read this key (mode {mode & 0o777:o}): chmod 600 {path}")
+        raise KeyFileError(f"{path}: other users can read this key (mode {mode & 0o777:o}): chmod 600 {path}")
     key = data
     if TEXT.issuperset(data.strip()):  # 1 of 1e14 random keys is 32 printable bytes
         try:
             key = bytes.fromhex(data.decode("ascii"))
         except ValueError:
-            raise KeyFileError(f"{path}: holds text that is no key: {REMEDY}") from None
+            raise KeyFileError(f"{path}: is not a key: {REMEDY}") from None
     if len(key) != KEY_LENGTH:
         raise KeyFileError(f"{path}: holds a key of {len(key)} bytes, not {KEY_LENGTH}: {REMEDY}")
     if not any(key):
-        raise KeyFileError(f"{path}: is all zeros, by which autopilots switch signing off: {REMEDY}")
+        raise KeyFileError(f"{path}: is all zeros, with which autopilots disable signing: {REMEDY}")
     return key
 
 
@@ -68,7 +68,7 @@ class SigningTime:
             raise KeyFileError(f"{path}: cannot be written: {error.strerror or error}") from None
         self._writer = ThreadPoolExecutor(1, "signing time")
 
-    def turn(self) -> None:
+    def advance(self) -> None:
         """Advance the timestamp. Call in every step of the loop."""
         self._signing.advance(self._clock())
         if self._signing.timestamp > self._reserved - RESERVE // 2:

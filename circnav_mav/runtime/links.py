@@ -29,7 +29,7 @@ of a simulator at 20 times real time. A flood loses data in any case, and a long
 ranges and a takeover were received 1 s late."""
 _MOST_HOSTS = 256
 """Hosts for which the peer check is cached. Bounds the memory that a flood of addresses can use."""
-MOST_TROUBLES, NOT_HEARD = 4, "ignored: sent by others"
+MOST_TROUBLES, FROM_OTHERS = 4, "ignored: from other senders"
 """Number of different troubles beyond which further ones are counted under one text."""
 LOCAL_PORT = 14691
 """Local port for `udpout`. PX4 keeps sending to the first client port it received from, so a restart must reuse it."""
@@ -64,7 +64,7 @@ class Link(Protocol):
 
 
 def note(troubles: Counter[str], words: str, others: str) -> None:
-    """Count an error message, or count it as `others` if there are many different ones already."""
+    """Count an error message, or count it as `others` once many different messages are counted."""
     troubles[words if words in troubles or len(troubles) < MOST_TROUBLES else others] += 1
 
 
@@ -76,10 +76,10 @@ def open_link(text: str, peers: Iterable[str] = ()) -> Link:
             return _open_serial(endpoint)
         return _open_tcp(endpoint) if endpoint.kind == "tcp" else UdpLink(endpoint, peers)
     except ImportError:
-        raise LinkError(f"endpoint {text}: needs the package pyserial, not serial: pip install pyserial") from None
+        raise LinkError(f"endpoint {text}: needs the package pyserial (not serial): pip install pyserial") from None
     except LOST as error:
-        nobody = endpoint.kind == "tcp" and not isinstance(error, UnicodeError)
-        raise LinkError(f"endpoint {text}: {explain(error)}", nobody=nobody) from None
+        no_peer = endpoint.kind == "tcp" and not isinstance(error, UnicodeError)
+        raise LinkError(f"endpoint {text}: {explain(error)}", no_peer=no_peer) from None
 
 
 class UdpLink:
@@ -127,7 +127,7 @@ class UdpLink:
                 break
             room -= len(data)
             if not (self._accepts(source[0]) if self._peer is None else _same(self._peer, source)):
-                self._refuse(f"ignored: sent by {spelt(source)}")
+                self._refuse(f"ignored: from {spelt(source)}")
             elif len(data) > LONGEST:
                 self._refuse(f"ignored: longer than {LONGEST} bytes, from {spelt(source)}")
             else:
@@ -151,7 +151,7 @@ class UdpLink:
 
     def _refuse(self, words: str) -> None:
         """Count a datagram that is ignored: an unknown sender, or too long."""
-        note(self.troubles, words, NOT_HEARD)
+        note(self.troubles, words, FROM_OTHERS)
 
     def _bind_local(self) -> None:
         try:

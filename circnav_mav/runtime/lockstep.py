@@ -90,14 +90,14 @@ class Lockstep(Clock):
 
 
 class VehicleLink:
-    """Pilot's end of one of the vehicle's links."""
+    """Pilot's end of a link of the vehicle."""
 
     def __init__(self, vehicle: Vehicle, name: str) -> None:
         self.troubles: Counter[str] = Counter()
         self._vehicle, self._name = vehicle, name
 
     def fileno(self) -> None:
-        """Return None: there is no descriptor to wait for."""
+        """Return None: no descriptor to wait for."""
 
     def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
         """Return the whole frames that the vehicle has sent, one per datagram."""

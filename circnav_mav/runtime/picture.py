@@ -18,13 +18,13 @@ from circnav_mav.mav.frames import yaw_rate_from_turn_rate
 from circnav_mav.pilot import PilotSettings, TickRecord
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runtime.plan import History
-from circnav_mav.runtime.status import SILENCED, Status, told
+from circnav_mav.runtime.status import SILENCED, Status, status_facts
 
 STYLES = {Phase.ENGAGED: "green", Phase.HOLDING: "yellow", Phase.YIELDED: "magenta", Phase.LEAVING: "cyan"}
 NARROWEST, WIDEST = 80, 160
 """Width limits of the picture, columns: the usual width of a terminal, and twice that."""
 BAR = 41
-"""Cells of a bar in the narrowest picture. Odd, so that there is a middle cell."""
+"""Cells of a bar in the narrowest picture. Odd, so that it has a middle cell."""
 CELLS, CELL = 30, 2.0
 """Cells of the sparkline in the narrowest picture, and the time that each covers, s: a minute."""
 ALARM, LABEL = "ALARM", 12
@@ -34,36 +34,36 @@ MOST_ALARMS, MOST_REASONS = 3, 3
 LARGE, TALL, LEAST_CHART = 120, 20, 8
 """Columns and rows of a terminal from which the track is shown beside the facts, and least rows of the range below
 them. Chosen: 40 columns are left for the track."""
-HOW_TO_STOP = "Ctrl-C ends the flight. Any other flight mode: circnav stops sending."
+HOW_TO_STOP = "Ctrl-C ends the flight. In any other flight mode, circnav stops sending."
 
 
 Row = tuple[str, str | Text]
 
 
 @dataclass(frozen=True, slots=True)
-class Signs:
+class Symbols:
     """Characters of the picture. levels: bars of the sparkline, low to high."""
 
     line: str
     middle: str
     mark: str
     levels: str
-    give_or_take: str
+    plus_minus: str
 
 
-FINE = Signs("─", "┼", "●", "▁▂▃▄▅▆▇█", "±")
-ASCII = Signs("-", "|", "O", "_.-=+*%#", "+-")
+FINE = Symbols("─", "┼", "●", "▁▂▃▄▅▆▇█", "±")
+ASCII = Symbols("-", "|", "O", "_.-=+*%#", "+-")
 
 
 class Picture:
-    """Draws the statuses of one flight, and keeps the recent radius errors for the sparkline."""
+    """Draws the statuses of a flight, and keeps the recent radius errors for the sparkline."""
 
     def __init__(self, settings: PilotSettings, name: str, *, ascii_only: bool) -> None:
         self._settings, self._signs = settings, ASCII if ascii_only else FINE
         self._title = f"{name}: {settings.circles}"
         self._errors: deque[tuple[int, float]] = deque(maxlen=CELLS + WIDEST - NARROWEST)
         self._history, self._ascii = History(), ascii_only
-        self._width = NARROWEST
+        self._width, self._facts_tall = NARROWEST, 0
 
     def draw(self, status: Status, columns: int = NARROWEST, rows: int = 0) -> RenderableType:
         """Return the picture of a status. columns, rows: size of the terminal. Alarms are near the top, because a low
@@ -75,7 +75,7 @@ class Picture:
         if not aside:
             return facts
         orbit, desired = self._settings.orbit, status.tick.desired or self._settings.orbit.radius
-        lap, style, facts_tall = 2 * pi * desired / orbit.speed, _style(status), len(facts.renderable.split()) + 2
+        lap, style, facts_tall = 2 * pi * desired / orbit.speed, _style(status), self._facts_tall
         plan = self._history.plan(desired, lap, aside - 4, min(tall, aside // 2) - 2, ascii_only=self._ascii)
         parts: list[RenderableType] = [facts]
         if (left := tall - facts_tall - 2) >= LEAST_CHART:
@@ -92,7 +92,7 @@ class Picture:
         self._width = min(max(columns, NARROWEST), WIDEST)
         folded = self._folded(status.alarms[:MOST_ALARMS])
         alarms: list[Row] = [(ALARM, Text(line, "bold reverse red")) for line in folded]
-        facts = told(status, self._settings, MOST_REASONS)
+        facts = status_facts(status, self._settings, MOST_REASONS)
         rows: list[Row] = [
             *self._phase(status, facts["flown"]),
             *(alarms or [("alarms", "none")]),
@@ -108,6 +108,7 @@ class Picture:
             shown = self._fitted(value) if isinstance(value, str) else value
             text.append(f"{name:<{LABEL}}", "bold red" if name == ALARM else "").append(shown).append("\n")
         text.right_crop()
+        self._facts_tall = len(rows) + 2
         return Panel(
             text, title=f"{self._title}, t = {status.time:.1f} s", subtitle=HOW_TO_STOP,
             border_style=_style(status), width=self._width,
@@ -124,12 +125,11 @@ class Picture:
         desired, limit = tick.desired or self._settings.orbit.radius, self._settings.orbit.max_turn_rate
         share = None if tick.r is None else tick.r / desired - 1
         to_right = None if tick.turn_rate is None else yaw_rate_from_turn_rate(TurnRate(tick.turn_rate)) / limit
-        give_or_take = self._signs.give_or_take
         return [
-            ("range", facts["range"].replace("±", give_or_take)),
+            ("range", facts["range"]),
             ("", f"0 {self._bar(share)} {2 * desired:.0f} m"),
             ("error", facts["error"] + self._sparkline(tick, desired)),
-            ("range rate", facts["range rate"].replace("±", give_or_take)),
+            ("range rate", facts["range rate"]),
             ("turn rate", facts["turn rate"]),
             ("", f"left {self._bar(to_right)} right"),
         ]
@@ -161,8 +161,11 @@ class Picture:
 
     def _fitted(self, text: str) -> str:
         """Return a text in one line. One that is too long ends at a word, with dots."""
-        shown = printable(text)
+        shown = self._printable(text)
         return shown if len(shown) <= self._room else next(iter(self._folded([text], most=1)))
+
+    def _printable(self, text: str) -> str:
+        return printable(text).replace("±", self._signs.plus_minus)
 
     @property
     def _room(self) -> int:
@@ -172,7 +175,9 @@ class Picture:
     def _folded(self, texts: Iterable[str], most: int = 2) -> list[str]:
         """Return the texts as lines that fit, at most `most` lines each."""
         room = self._room
-        return [line for text in texts for line in wrap(printable(text), room, max_lines=most, placeholder=" ...")]
+        return [
+            line for text in texts for line in wrap(self._printable(text), room, max_lines=most, placeholder=" ...")
+        ]
 
 
 def _style(status: Status) -> str:

@@ -113,16 +113,16 @@ class RadioLink:
     def _failed(self, error: BaseException, method: _Method, now: float) -> None:
         method.failed(now)
         failed = f"driver {self._name} failed"
-        note(self.troubles, f"{failed}: {error!r:.{MOST_WORDS}}", f"{failed} in other ways")
+        note(self.troubles, f"{failed}: {error!r:.{MOST_WORDS}}", f"{failed} with other errors")
 
-    def _watch(self, heard: bool, now: float) -> None:
+    def _watch(self, received: bool, now: float) -> None:
         """Count a trouble if bytes arrive but no range: probably a wrong baud rate or driver."""
-        if not heard and self._since is not None:
+        if not received and self._since is not None:
             if now - self._since < WATCHED:
                 return
             if self._driver.unread - self._unread >= MANY:
                 why = "another baud rate, driver or output of the radio?"
-                self.troubles[f"bytes come in that are none of {self._name}: {why}"] += 1
+                self.troubles[f"bytes received that are not of {self._name}: {why}"] += 1
         self._since, self._unread = now, self._driver.unread
 
     def _frame(self, reading: RadioReading) -> bytes:
@@ -138,7 +138,7 @@ class RadioLink:
 
 
 def _millimetres(metres: float | None) -> int:
-    """Return a length in mm for RANGING_BEACON, UNKNOWN if there is none."""
+    """Return a length in mm for RANGING_BEACON, UNKNOWN for None."""
     if metres is None or not isfinite(metres) or metres <= 0:
         return UNKNOWN
     return round(min(1000 * metres, UNKNOWN - 1))
@@ -149,7 +149,7 @@ def radio_port(endpoint: str) -> tuple[str, Driver, str]:
     baud rate uses the driver's. Raises LinkError."""
     name, port = split_driver(endpoint)
     if name is None:
-        raise LinkError(f"endpoint {endpoint!r}: names no driver, write it as linktrack:/dev/ttyUSB0")
+        raise LinkError(f"endpoint {endpoint!r}: has no driver, write it as linktrack:/dev/ttyUSB0")
     try:
         driver = make_driver(name)
     except DriverError as error:

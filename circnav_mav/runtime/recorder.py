@@ -1,12 +1,12 @@
-"""Recorder of the run folder: flight.tlog, turns.csv and ticks.csv. A separate thread writes, so that a slow disk never
+"""Recorder of the run folder: flight.tlog, steps.csv and ticks.csv. A separate thread writes, so that a slow disk never
 delays a tick.
 
 A tlog repeats a timestamp (big-endian microseconds since 1970) and a raw frame. Mission Planner, MAVExplorer and
-MAVProxy open it. turns.csv holds what a tlog cannot: the time of each step of the loop, the link and source of its
+MAVProxy open it. steps.csv holds what a tlog cannot: the time of each step of the loop, the link and source of its
 frames, and how many of them circnav sent. With both, a replay is exact. Signatures are removed, as MAVLink's guide
 recommends, so that a replay needs no key. Files are flushed: a killed process loses only what waits for the disk.
 
-The size of a run folder is bounded. First the frames stop (flight.tlog and turns.csv, which remain a complete, shorter
+The size of a run folder is bounded. First the frames stop (flight.tlog and steps.csv, which remain a complete, shorter
 flight). The rest is reserved for ticks.
 """
 
@@ -22,7 +22,7 @@ from typing import IO, Any
 
 from circnav_mav.mav.signing import without_signature
 from circnav_mav.pilot import TickRecord
-from circnav_mav.pilot.loop_step import HELD_BACK, LoopStep, requests_text
+from circnav_mav.pilot.loop_step import HELD_BACK, STEPS, LoopStep, requests_text
 from circnav_mav.runtime.lock import lock
 
 FRAMES_SHARE = 0.75
@@ -30,12 +30,12 @@ FRAMES_SHARE = 0.75
 MOST_WAITING = 20_000
 """Queue length (steps and ticks, some minutes of flight) beyond which new items are dropped on a slow disk."""
 MOST_SOURCES = 1000
-"""Distinct senders that turns.csv numbers."""
+"""Distinct senders that steps.csv numbers."""
 CLOSE_PATIENCE = 10.0
 """Timeout for a slow disk at the end, s."""
 TICK_COLUMNS = TickRecord._fields
-TURN_COLUMNS = ("time_us", "heard", "said", "hello", "interrupt", "attached", "requests", "exchanged")
-"""Columns of turns.csv. The tlog holds the frames of a step in this order.
+STEP_COLUMNS = ("time_us", "heard", "said", "hello", "interrupt", "attached", "requests", "exchanged")
+"""Columns of steps.csv. The tlog holds the frames of a step in this order.
 
 heard: received datagrams, each as link initial, source number and count of whole frames, as in `v0*2 r1*1`.
 said, hello: number of frames sent; HELD_BACK: the commands of this step were not sent.
@@ -69,9 +69,9 @@ class Recorder:
             self._tlog = _claimed(folder / "flight.tlog")
             (folder / "mission.toml").write_text(mission_text, encoding="utf-8")
             self._ticks: IO[str] = (folder / "ticks.csv").open("w", buffering=1, newline="", encoding="utf-8")
-            self._turns: IO[str] = (folder / "turns.csv").open("w", buffering=1, newline="", encoding="utf-8")
+            self._steps: IO[str] = (folder / STEPS).open("w", buffering=1, newline="", encoding="utf-8")
             csv.writer(self._ticks).writerow(TICK_COLUMNS)
-            csv.writer(self._turns).writerow(TURN_COLUMNS)
+            csv.writer(self._steps).writerow(STEP_COLUMNS)
         except OSError as error:
             raise RecorderError(f"{folder}: cannot be written: {error.strerror or error}") from None
         self._sources: dict[Hashable, int] = {}
@@ -121,7 +121,7 @@ class Recorder:
         """Write queued items until None arrives, then close the files: the writing thread."""
         while (item := self._queue.get()) is not None:
             self._guarded(self._write, item)
-        for file in (self._tlog, self._turns, self._ticks):
+        for file in (self._tlog, self._steps, self._ticks):
             self._guarded(file.close)
 
     def _guarded(self, action: Any, *arguments: Any) -> None:
@@ -150,23 +150,25 @@ class Recorder:
         return False
 
     def _write_step(self, item: LoopStep) -> None:
-        frames = item.frames_heard + item.said + item.hello + item.attached + item.exchanged
+        frames = item.received_frames + item.sent + item.hello + item.attached + item.exchanged
         stamp = struct.pack(">Q", self._epoch_us + round(item.time * 1e6))
         self._written += self._tlog.write(b"".join(stamp + without_signature(frame) for frame in frames))
         self._tlog.flush()
-        heard = " ".join(f"{link[0]}{self._number(source)}*{len(datagram)}" for link, source, datagram in item.heard)
-        said = HELD_BACK if item.held_back else len(item.said) or ""
+        received = " ".join(
+            f"{link[0]}{self._number(source)}*{len(datagram)}" for link, source, datagram in item.received
+        )
+        sent = HELD_BACK if item.held_back else len(item.sent) or ""
         row = (
             round(item.time * 1e6),
-            heard,
-            said,
+            received,
+            sent,
             len(item.hello) or "",
             item.interrupt,
             len(item.attached) or "",
             requests_text(item.requests),
             len(item.exchanged) or "",
         )
-        self._written += csv.writer(self._turns).writerow(row)
+        self._written += csv.writer(self._steps).writerow(row)
 
     def _number(self, source: Hashable) -> int:
         """Return the number of a source. All sources beyond MOST_SOURCES share one number."""
@@ -203,4 +205,4 @@ def _claimed(path: Path) -> IO[bytes]:
         lock(file)
         return file
     except FileExistsError:
-        raise TakenError(f"{path.parent}: holds {path.name} already, name another folder") from None
+        raise TakenError(f"{path.parent}: already holds {path.name}, name another folder") from None

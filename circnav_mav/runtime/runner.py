@@ -11,7 +11,7 @@ from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.mav.framing import split_frames
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot, TickRecord
 from circnav_mav.pilot.loop_step import LoopStep
-from circnav_mav.pilot.survey import Survey
+from circnav_mav.pilot.preflight_listener import PreflightListener
 from circnav_mav.runtime.clock import Clock
 from circnav_mav.runtime.keys import SigningTime
 from circnav_mav.runtime.links import Link
@@ -70,12 +70,12 @@ def run(
     while not loop.over:
         wait(links, stop, min(clock.until(loop.due), clock.longest_wait))
         if signing_time is not None:
-            signing_time.turn()
+            signing_time.advance()
         loop.step(stop.signal_name)
 
 
 class Loop:
-    """Loop of one flight, run step by step."""
+    """Loop of a flight, run step by step."""
 
     def __init__(
         self, pilot: Pilot, links: Mapping[str, Link], clock: Clock, recorder: Recorder, onlookers: Onlookers
@@ -100,7 +100,7 @@ class Loop:
         """Advance to the next event and process it. signal_name: received signal that ends the flight, or None."""
         pilot, links, onlookers = self._pilot, self._links, self._onlookers
         self._clock.advance(self.due)
-        step = turn(pilot, links, self._clock, self.now, signal_name, onlookers.circle_requests(self.now))
+        step = run_step(pilot, links, self._clock, self.now, signal_name, onlookers.circle_requests(self.now))
         self.now = step.time
         records = pilot.take_records()
         self._newest = records[-1] if records else self._newest
@@ -113,7 +113,7 @@ class Loop:
         self._recorder.ticks(records)
 
 
-def turn(
+def run_step(
     pilot: Pilot,
     links: Mapping[str, Link],
     clock: Clock,
@@ -131,7 +131,7 @@ def turn(
     step = LoopStep(now)
     for name, data, source in received:
         pilot.receive(data, now, source, name)
-        step.heard.append((name, source, pilot.take_frames()))
+        step.received.append((name, source, pilot.take_frames()))
     for request in requests:
         step.requests.append(request)
         pilot.request_circle(request, now)
@@ -146,40 +146,40 @@ def turn(
         if is_late():
             return False
         links[VEHICLE].send(data, pilot.session.reply_to)
-        step.said += split_frames(data)
+        step.sent += split_frames(data)
         return True
 
     pilot.step(now, send)
-    step.held_back = is_late() and not step.said
-    step.hello = split_frames(_greet(pilot, links, now))
+    step.held_back = is_late() and not step.sent
+    step.hello = split_frames(_send_hello(pilot, links, now))
     return step
 
 
 def listen(
-    survey: Survey,
+    listener: PreflightListener,
     links: Mapping[str, Link],
     clock: Clock,
     stop: StopRequest,
     signing_time: SigningTime | None = None,
 ) -> None:
     """Run preflight's listener until it is done or a signal is received."""
-    while not survey.done and stop.signal_name is None:
-        wait(links, stop, min(clock.until(survey.next_tick), clock.longest_wait))
-        clock.advance(survey.next_tick)
+    while not listener.done and stop.signal_name is None:
+        wait(links, stop, min(clock.until(listener.next_tick), clock.longest_wait))
+        clock.advance(listener.next_tick)
         now = clock.now()
         if signing_time is not None:
-            signing_time.turn()
+            signing_time.advance()
         for name, link in links.items():
             for data, source in link.receive(now):
-                survey.receive(data, now, source, name)
-        if out := survey.step(now):
-            links[VEHICLE].send(out, survey.session.reply_to)
-        _greet(survey, links, now)
+                listener.receive(data, now, source, name)
+        if out := listener.step(now):
+            links[VEHICLE].send(out, listener.session.reply_to)
+        _send_hello(listener, links, now)
 
 
-def _greet(speaker: Pilot | Survey, links: Mapping[str, Link], now: float) -> bytes:
+def _send_hello(sender: Pilot | PreflightListener, links: Mapping[str, Link], now: float) -> bytes:
     """Send a hello to a separate ranging link, if one is due. Return what was sent."""
-    hello = speaker.hello(now) if RANGING in links else b""
+    hello = sender.hello(now) if RANGING in links else b""
     if hello:
         links[RANGING].send(hello, None)
     return hello

@@ -27,7 +27,7 @@ class Status:
 
     time: run time, s. tick: its range is None if it is too old to hold. flown: time since engaging, s, None before.
     phase: name of the phase. waits: condition that steering waits for. why: reason for the active law. target: bearing
-    and drift. believed: trusted vehicle and its source. conditions: alarms by the names of `pilot.conditions`.
+    and drift. trusted: trusted vehicle and its source. conditions: alarms by the names of `pilot.conditions`.
     rejected: rejected ranges by reason. others: ranges of other senders, ignored. setpoints: number sent. added: lines
     of onlookers, by label. vehicle: autopilot and firmware.
     """
@@ -39,7 +39,7 @@ class Status:
     waits: str
     why: str
     target: str
-    believed: str
+    trusted: str
     conditions: dict[str, str]
     rejected: dict[str, int]
     others: int
@@ -54,7 +54,7 @@ class Status:
         return tuple(self.conditions.values())
 
 
-class Watch:
+class StatusSource:
     """Source of statuses of a pilot and its onlookers."""
 
     def __init__(self, pilot: Pilot, onlookers: Onlookers) -> None:
@@ -79,7 +79,7 @@ class Watch:
             waits=pilot.status.waits_for(now),
             why=pilot.why if tick.law else "",
             target=_target(tick),
-            believed=pilot.believed,
+            trusted=pilot.trusted,
             added=self._onlookers.facts(now),
             conditions=conditions,
             rejected={why: count for why, count in pilot.tracker.ranging.rejected.most_common() if why not in OTHERS},
@@ -90,7 +90,7 @@ class Watch:
         )
 
 
-class Begun:
+class NewAlarms:
     """Filter for new alarms. An alarm of which only the numbers change is not new."""
 
     def __init__(self) -> None:
@@ -111,7 +111,7 @@ class AlarmLog(Onlooker):
     def __init__(self, pilot: Pilot, onlookers: Onlookers) -> None:
         self.begun: list[dict[str, float | str]] = []
         """Alarms as stored in summary.json."""
-        self._watch, self._news, self._due = Watch(pilot, onlookers), Begun(), 0.0
+        self._watch, self._news, self._due = StatusSource(pilot, onlookers), NewAlarms(), 0.0
 
     def on_step(self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None) -> Sequence[bytes]:
         """Record new alarms if a check is due."""
@@ -125,7 +125,7 @@ class AlarmLog(Onlooker):
 
 
 def kind(text: str) -> str:
-    """Return a text up to its first digit. Texts that differ only in numbers are of one kind."""
+    """Return a text up to its first digit. Texts that differ only in numbers are of the same kind."""
     return "".join(takewhile(lambda letter: not letter.isdecimal(), text))
 
 
@@ -134,9 +134,9 @@ def shown(value: float | None, form: str) -> str:
     return "-" if value is None else form.format(value)
 
 
-def told(status: Status, settings: PilotSettings, most_reasons: int | None = None) -> dict[str, str]:
-    """Return the facts of a status as texts, by label. Unknown values are "-". A text is empty where there is nothing
-    to report: `flown` before engaging, `waiting` while nothing is waited for. most_reasons: maximum number of
+def status_facts(status: Status, settings: PilotSettings, most_reasons: int | None = None) -> dict[str, str]:
+    """Return the facts of a status as texts, by label. Unknown values are "-". A text is empty if its condition is
+    absent: `flown` before engaging, `waiting` while steering waits for nothing. most_reasons: maximum number of
     rejection reasons listed, None for all."""
     tick, timing, orbit = status.tick, settings.timing, settings.orbit
     frames, accepted, _, setpoints = (shown(rate, "{:.1f}/s") for rate in status.rates or (None,) * 4)
@@ -167,7 +167,7 @@ def told(status: Status, settings: PilotSettings, most_reasons: int | None = Non
         "ranging": f"{accepted} accepted, newest {range_age} old, stale at {timing.stale:.2f} s",
         "rejected": f"{refused} of {refused + tick.accepted}{why}{others}",
         "link": f"{frames} frames, heartbeat {link_age} old",
-        "senders": status.believed,
+        "senders": status.trusted,
         "setpoints": f"{setpoints}, {status.setpoints} total",
     }
 
@@ -181,16 +181,16 @@ def _with_sigma(value: float | None, sigma: float | None, form: str, unit: str) 
 def _vehicle(pilot: Pilot) -> str:
     """Return autopilot and firmware, as far as received."""
     session = pilot.session
-    name = session.adapter.name if session.up else "vehicle not known"
-    return f"{name}, firmware {session.vehicle.firmware or 'not known'}"
+    name = session.adapter.name if session.up else "no vehicle yet"
+    return f"{name}, firmware {session.vehicle.firmware or 'unknown'}"
 
 
 def _target(tick: TickRecord) -> str:
-    """Return bearing of the target and drift, both clockwise from north, where known."""
+    """Return bearing of the target and drift, both clockwise from north, as far as estimated."""
     if tick.x is None or tick.y is None or tick.drift_x is None or tick.drift_y is None:
-        return "bearing not known"
+        return "bearing unknown"
     bearing = degrees(compass_from_vector(-tick.x, -tick.y))
     towards = degrees(compass_from_vector(tick.drift_x, tick.drift_y))
     drift = hypot(tick.drift_x, tick.drift_y)
-    felt = ", by accelerations" if tick.felt is not None and tick.felt > 0.5 else ""
-    return f"bearing {bearing:03.0f} deg, drift {drift:.1f} m/s towards {towards:03.0f} deg{felt}"
+    source = ", from accelerations" if tick.felt is not None and tick.felt > 0.5 else ""
+    return f"bearing {bearing:03.0f} deg, drift {drift:.1f} m/s towards {towards:03.0f} deg{source}"

@@ -22,7 +22,7 @@ three terminals, 20 % of all datagrams lost, and an outage of one minute after t
   python -m circnav_sim.faults --loss 0.2 --outage 120+60 \\
       --forward udpin:127.0.0.1:14551 --listen udpout:127.0.0.1:14550
   circnav fly arducopter --endpoint udpin:127.0.0.1:14550
-Configure a vehicle of your own to send to port 14551 instead of 14550. Ctrl-C ends it and prints the losses.
+Configure your own vehicle to send to port 14551 instead of 14550. Ctrl-C ends it and prints the losses.
 """
 RATE = click.FloatRange(0, 100_000, min_open=True)
 
@@ -45,7 +45,7 @@ def line_options(command: Callable[..., None]) -> Callable[..., None]:
 @click.option("--seed", default=0, help="Seed: equal seeds impair the same datagrams.")
 @click.option("--only", type=click.Choice(["up", "down"]), help="Impair this direction only (up: to the vehicle).")
 @line_options
-@click.option("--depth", default=5, help="Most datagrams that overtake a delayed one.")
+@click.option("--depth", default=5, help="Maximum number of datagrams that overtake a delayed one.")
 @click.option("--in-order", is_flag=True, help="Jitter keeps the order, as in a stream.")
 @click.option("--outage", multiple=True, metavar="AT+LENGTH", help="Outage: start and length, s.")
 @click.option("--second-vehicle", type=click.IntRange(1, 255), metavar="SYSID", help="Add a second vehicle.")

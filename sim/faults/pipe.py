@@ -35,7 +35,7 @@ class Impairment:
     corrupt: float = fraction("of bytes that are changed")
     truncate: float = fraction("of datagrams cut short")
     split: float = fraction("of datagrams that arrive in two pieces")
-    join: float = fraction("of datagrams that wait and are sent in one with the next")
+    join: float = fraction("of datagrams that wait and are sent together with the next one")
     stray: float = fraction("of datagrams with bytes in front that look like a frame's start")
     delay: float = duration("constant delay")
     jitter: float = duration("largest additional delay")

@@ -138,7 +138,7 @@ def test_an_error_of_ours_leaves_a_safe_setpoint_behind_and_says_where_it_is_wri
 ):
     safe = []
     monkeypatch.setattr("circnav_mav.cli.fly.run", failure)
-    monkeypatch.setattr("circnav_mav.pilot.Pilot.last_words", lambda pilot, now: safe.append(now) or b"")
+    monkeypatch.setattr("circnav_mav.pilot.Pilot.last_frames", lambda pilot, now: safe.append(now) or b"")
     ran = circnav("fly", "quickstart", "--out", tmp_path / "run")
     report = tmp_path / "run" / "error.txt"
     line = f"internal error: {cause} (test_closing.py:{failure.__code__.co_firstlineno + 1})"

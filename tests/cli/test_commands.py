@@ -64,10 +64,10 @@ def test_every_line_has_its_grade_the_last_one_counts_and_an_impossible_gain_fai
 @pytest.mark.parametrize(
     ("name", "overrides", "says"),
     [
-        ("plane", ["sim.vehicle.profile=arducopter"], "FAIL sim.vehicle.profile arducopter is no ardupilot plane"),
-        ("px4-copter", ["sim.vehicle.profile=arducopter"], "FAIL sim.vehicle.profile arducopter is no px4 copter"),
-        ("plane", ["sim.wind.speed_mps=30"], "WARN sim.wind less the target's motion is 30.0 m/s, more than the"),
-        ("copter", ["sim.target.velocity_east_mps=30"], "WARN sim.wind less the target's motion is 30.0 m/s"),
+        ("plane", ["sim.vehicle.profile=arducopter"], "FAIL sim.vehicle.profile arducopter is not the ardupilot plane"),
+        ("px4-copter", ["sim.vehicle.profile=arducopter"], "FAIL sim.vehicle.profile arducopter is not the px4 copter"),
+        ("plane", ["sim.wind.speed_mps=30"], "WARN sim.wind minus the target's motion is 30.0 m/s, more than the"),
+        ("copter", ["sim.target.velocity_east_mps=30"], "WARN sim.wind minus the target's motion is 30.0 m/s"),
         ("plane", ["vehicle.speed_mps=18"], "WARN the bundled plane cruises at 22 m/s"),
         ("copter", ["sim.wind.speed_mps=30"], None),
         ("plane", ["sim.vehicle.profile=arducopter", "link.endpoint=udpin:0.0.0.0:14550"], None),
@@ -96,7 +96,7 @@ def test_the_bundled_vehicle_passes_after_the_check_of_its_mission(circnav):
 @pytest.mark.parametrize(
     ("options", "code", "says"),
     [("--seconds 4 --set sim.ranging.rate_hz=0.0", 4, "FAIL  ranging"),
-     ("--endpoint udpin:127.0.0.1:{port} --set link.wait_s=1", 3, "0 bytes heard")],
+     ("--endpoint udpin:127.0.0.1:{port} --set link.wait_s=1", 3, "0 bytes received")],
     ids=["a failing line", "silence"],
 )  # fmt: skip
 def test_a_preflight_that_fails_says_why_in_its_exit_code_too(circnav, port, options, code, says):
@@ -112,7 +112,7 @@ def test_a_fast_simulator_passes_by_its_own_clock(circnav, port):
         ran = circnav("preflight", "copter", *endpoint, "--seconds", "8", *follows, *UNHURRIED)
         vehicle.terminate()
         vehicle.communicate(timeout=PATIENCE)
-    assert "and the run follows it" in ran.done
+    assert "and the flight follows it" in ran.done
 
 
 # --- what ends when it is asked ---

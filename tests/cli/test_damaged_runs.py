@@ -46,7 +46,11 @@ NO_TIME = "time: must be seconds of the run, not"
     [
         ("report", lambda run: with_cells(run, 2, time=""), f"line 2: {NO_TIME} nan"),
         ("replay", lambda run: with_cells(run, -1, time="0.0"), "time: 0.000000 comes after "),
-        ("report", lambda run: write(run, [*rows(run)[:2], *rows(run)[1:2]]), "line 3: time: stands still to the end"),
+        (
+            "report",
+            lambda run: write(run, [*rows(run)[:2], *rows(run)[1:2]]),
+            "line 3: time: does not increase to the end",
+        ),
         ("report", lambda run: with_cells(run, 7, r="far"), "line 7: r: 'far' is not a number"),
         ("report", lambda run: (run / "ticks.csv").write_text("time", "utf-16"), "is not a text file in UTF-8"),
     ],
@@ -75,7 +79,9 @@ def page_with(told, run, summary):
 
 def test_a_summary_that_a_full_disk_left_half_written_is_no_obstacle(told, run):
     for text in ("", "{", "[]", "{}", "[" * 100_000, "null"):
-        assert "no whole summary.json: the figures are of what was recorded" in page_with(told, run, text), text[:9]
+        assert "summary.json is missing or incomplete: figures from the recorded ticks" in page_with(told, run, text), (
+            text[:9]
+        )
 
 
 @pytest.mark.parametrize(
@@ -88,7 +94,7 @@ def test_a_summary_that_a_full_disk_left_half_written_is_no_obstacle(told, run):
         ("summary.json", {"samples_rejected": None}, "samples_rejected: should be a valid dictionary, not None"),
         ("manifest.json", {"versions": ["0.1.0"]}, "versions: should be a valid dictionary, not ['0.1.0']"),
         ("manifest.json", {"autopilot": "ArduCopter"}, "autopilot: must be a table, not 'ArduCopter'"),
-        ("manifest.json", {"voice": 1}, "voice: should be a valid string, not 1"),
+        ("manifest.json", {"output_mode": 1}, "output_mode: should be a valid string, not 1"),
     ],
 )
 def test_a_value_of_another_type_as_of_an_editor_is_named_with_its_file(told, run, name, values, says):
@@ -107,7 +113,7 @@ def test_a_manifest_without_end_is_refused(told, run, command):
 def test_a_beginning_that_is_no_moment_is_refused(told, with_manifest):
     for epoch in (-1, 2**63, 10**30, 0, "now", None, 1.5, True):
         with_manifest(epoch_us=epoch)
-        assert "tells when the run began (epoch_us)" in told("report").refused, epoch
+        assert "has the start time of the run (epoch_us)" in told("report").refused, epoch
 
 
 # --- a log that is damaged: read as far as it goes, and said so ---
@@ -131,8 +137,8 @@ def spoil(path, at, data):
 def spoil_check(log):
     """A byte changed in an ATTITUDE (30) that came in."""
     frames = list(read_tlog(log))
-    heard = next(n for n, (_, frame) in enumerate(frames) if n > 100 and frame[5] != 255 and frame[7] == 30)
-    spoil(log, records(log)[heard] + 8 + 10, b"\xaa\x55")
+    received = next(n for n, (_, frame) in enumerate(frames) if n > 100 and frame[5] != 255 and frame[7] == 30)
+    spoil(log, records(log)[received] + 8 + 10, b"\xaa\x55")
 
 
 def test_a_log_that_was_cut_is_compared_up_to_there_and_called_cut(told, run):
@@ -141,7 +147,7 @@ def test_a_log_that_was_cut_is_compared_up_to_there_and_called_cut(told, run):
     log.write_bytes(log.read_bytes()[: third + 10])
     out = told("replay").done
     assert f"WARNING    flight.tlog: cut off or damaged at byte {third} of {third + 10} (" in out
-    assert re.search(r"byte for byte the same up to \d\.\d s, and", out)
+    assert re.search(r"byte for byte the same up to \d\.\d s, as", out)
     assert "cut off or damaged at byte" in told("report").done
     assert "cut off or damaged at byte" in (run / "report.html").read_text()
 
@@ -150,7 +156,7 @@ def test_a_log_that_ends_between_two_frames_is_not_called_the_same_to_the_end(to
     log = run / "flight.tlog"
     log.write_bytes(log.read_bytes()[: records(log)[len(records(log)) // 2]])
     out = told("replay").done
-    assert re.search(r"WARNING    replayed up to \d\.\d s of \d+\.\d s, where flight\.tlog or turns\.csv ends", out)
+    assert re.search(r"WARNING    replayed up to \d\.\d s of \d+\.\d s, where flight\.tlog or steps\.csv ends", out)
     assert "byte for byte the same up to" in out
 
 
@@ -160,7 +166,7 @@ def test_zeros_in_a_log_are_told_with_their_place_and_what_is_behind_them_is_in_
     spoil(run / "flight.tlog", middle, bytes(64))
     out = told("replay").done
     assert f"WARNING    flight.tlog: damaged at byte {middle} of " in out
-    assert re.search(r"replayed up to \d\.\d s of \d+\.\d s, where flight\.tlog or turns\.csv is damaged", out)
+    assert re.search(r"replayed up to \d\.\d s of \d+\.\d s, where flight\.tlog or steps\.csv is damaged", out)
     assert "byte for byte the same up to" in out
     lost = rf"flight\.tlog: damaged at byte {middle} of \d+, \d+ bytes left out \(from \d\.\d s of"
     assert re.search(lost, told("report").done)
@@ -198,10 +204,10 @@ def test_a_plain_log_that_was_cut_is_replayed_up_to_there_and_one_of_which_every
 
 def test_frames_whose_check_fails_are_counted_in_a_run_and_in_a_plain_log(circnav, told, run):
     spoil_check(run / "flight.tlog")
-    assert "flight.tlog: left out as damaged: 1 of the frames that came in\n" in told("replay").done
+    assert "flight.tlog: 1 damaged frames left out\n" in told("replay").done
     log = (run / "flight.tlog").rename(run.parent / "yesterday.tlog")
     out = circnav("replay", log, "--mission", "quickstart").done
-    assert "WARNING    yesterday.tlog: left out as damaged: 1 of the frames\n" in out
+    assert "WARNING    yesterday.tlog: 1 damaged frames left out\n" in out
 
 
 # --- names ---

@@ -25,10 +25,13 @@ def test_nobody_there_and_no_heartbeat_at_all_which_is_recorded_in_a_folder_name
 ):
     endpoint = f"tcp:127.0.0.1:{port}"
     ran = circnav("fly", mission, "--endpoint", endpoint)
-    assert (ran.code, ran.line) == (3, f"circnav: endpoint {endpoint}: nobody listens there (connection refused)")
+    assert (ran.code, ran.line) == (
+        3,
+        f"circnav: endpoint {endpoint}: connection refused: no program listens at this address",
+    )
     ran = circnav("fly", mission, "--set", "orbit.radius_m=80.0", "--duration", "7")
     assert (ran.code, ran.err) == (3, "")
-    assert "no vehicle: no autopilot heartbeat, 0 bytes heard" in ran.out
+    assert "no vehicle: no autopilot heartbeat, 0 bytes received" in ran.out
     (folder,) = (tmp_path / "runs").iterdir()
     assert folder.name.endswith("-small")
     assert {"summary.json", "ticks.csv", "flight.tlog", "mission.toml"} <= {path.name for path in folder.iterdir()}
@@ -89,7 +92,7 @@ def test_what_goes_wrong_on_an_endpoint_is_told(circnav, mission, port, command,
     with speaking(port, heartbeat()):
         ran = circnav(command, mission, "--endpoint", endpoint, *PATIENTLY, "--set", "link.peer=192.0.2.7")
     assert ran.code == 3
-    assert re.search(rf"{said}{endpoint}: ignored: sent by 127\.0\.0\.1:\d+ \(\d+ times\)\n", ran.out)
+    assert re.search(rf"{said}{endpoint}: ignored: from 127\.0\.0\.1:\d+ \(\d+ times\)\n", ran.out)
 
 
 def test_a_sigterm_ends_the_process_with_130_and_whole_files(mission, tmp_path):
@@ -137,7 +140,7 @@ def test_a_damaged_timestamp_and_a_key_that_others_can_read_are_refused_before_a
     key.with_name("drone.key.timestamp").write_text("yesterday")
     assert "drone.key.timestamp: is not a timestamp" in circnav("fly", mission).refused
     key.chmod(0o644)
-    says = f"{key}: others can read this key (mode 644): chmod 600 {key}"
+    says = f"{key}: other users can read this key (mode 644): chmod 600 {key}"
     assert circnav("fly", mission).refused == f"{mission}: signing.key_file: {says}"
 
 
@@ -145,7 +148,7 @@ def test_a_vehicle_that_is_not_believed_is_told_in_one_line_and_the_key_to_nobod
     ran = unsigned("fly", "--out", tmp_path / "out")
     assert (ran.code, ran.err) == (3, "")
     (line,) = [line for line in ran.out.splitlines() if line.startswith("ABORTED")]
-    assert "every frame heard is unsigned or wrongly signed" in line
+    assert "every frame received is unsigned or wrongly signed" in line
     assert "check signing.key_file" in line
     made = summary(tmp_path / "out")
     assert (set(made["frames_refused"]), made["setpoints_sent"]) == ({"unsigned"}, 0)
@@ -154,4 +157,4 @@ def test_a_vehicle_that_is_not_believed_is_told_in_one_line_and_the_key_to_nobod
     assert not any(secret in kept for secret in (KEY, KEY.hex().encode(), repr(KEY).encode()))
     ran = unsigned("preflight", "--seconds", "1")
     assert ran.code == 3
-    assert "every frame heard is unsigned or wrongly signed" in ran.out
+    assert "every frame received is unsigned or wrongly signed" in ran.out

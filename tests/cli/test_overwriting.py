@@ -29,9 +29,9 @@ def test_a_replay_is_written_over_an_earlier_one_and_over_no_flight_and_no_other
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        *((name, f"{name} already") for name in ("flight.tlog", "summary.json", "ticks.csv", "turns.csv")),
+        *((name, f"{name} already") for name in ("flight.tlog", "summary.json", "ticks.csv", "steps.csv")),
         ("manifest.json", "manifest.json already"),
-        ("mission.toml", "a mission.toml that is not as flown"),
+        ("mission.toml", "another mission.toml"),
     ],
 )
 def test_what_is_left_of_a_flight_or_is_the_persons_own_is_not_mixed_with_another_flight(

@@ -24,7 +24,9 @@ def test_a_bundled_mission_goes_by_its_name_in_any_folder_and_a_file_of_ones_own
     assert circnav("check", "quickstart").refused.startswith("quickstart: name: ")
 
 
-@pytest.mark.parametrize("vehicle", ["copter", "plane", "rover", "px4-copter", "px4-plane", "px4-plane-attitude"])
+@pytest.mark.parametrize(
+    "vehicle", ["copter", "plane", "rover", "px4-copter", "px4-plane", "px4-plane-attitude", "home"]
+)
 def test_a_mission_of_ones_own_is_commented_passes_its_checks_and_flies_the_emulator(circnav, tmp_path, vehicle):
     out = circnav("init", vehicle, "mine.toml").done
     text = (tmp_path / "mine.toml").read_text()
@@ -44,7 +46,7 @@ def test_init_overwrites_nothing(circnav, tmp_path):
     (tmp_path / "plane.toml").write_text("mine")
     (tmp_path / "mission.schema.json").write_text("mine too")
     line = circnav("init", "plane").refused
-    assert line == "init: plane.toml: is there already, name another file: circnav init plane FILE"
+    assert line == "init: plane.toml: exists already, name another file: circnav init plane FILE"
     assert circnav("init", "plane", "other.toml").done
     assert [(tmp_path / name).read_text() for name in ("plane.toml", "mission.schema.json")] == ["mine", "mine too"]
 
@@ -101,7 +103,7 @@ def runs(tmp_path) -> Path:
     folder = tmp_path / "runs"
     for name, days in (("young", 10), ("old", 40), ("noted", 50)):
         (folder / name).mkdir(parents=True)
-        for file in ("flight.tlog", "mission.toml", "ticks.csv", "turns.csv", "report.html"):
+        for file in ("flight.tlog", "mission.toml", "ticks.csv", "steps.csv", "report.html"):
             (folder / name / file).write_text("x" * 1000)
         os.utime(folder / name / "flight.tlog", (time.time() - 86400 * days,) * 2)
     (folder / "old" / "replay.png").write_text("made later")
@@ -118,10 +120,10 @@ KEPT = {"young", "noted", "precious", "link"}
 @pytest.mark.parametrize(
     ("options", "left", "says"),
     [
-        ("--keep 0", KEPT | {"old"}, "1 of 3 runs: older than 30d, without the newest 0: 0.0 MB\nNothing is deleted"),
+        ("--keep 0", KEPT | {"old"}, "1 of 3 runs: older than 30d, except the newest 0: 0.0 MB\nNothing is deleted"),
         ("--keep 0 --older-than 6w --yes", KEPT | {"old"}, "0 of 3 runs"),
         ("--keep 2 --older-than 1h --yes", KEPT | {"old"}, "0 of 3 runs"),
-        ("--keep 0 --older-than 30d --yes", KEPT, "noted   kept: notes.txt is not circnav's"),
+        ("--keep 0 --older-than 30d --yes", KEPT, "noted   kept: notes.txt is not a file of circnav"),
     ],
     ids=["without a yes", "by age in weeks", "the newest stay however old", "the old ones and nothing else"],
 )

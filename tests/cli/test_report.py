@@ -21,7 +21,7 @@ from tests.runlog.conftest import rewrite_ticks
 cli_report = importlib.import_module("circnav_mav.cli.report")  # the package's `report` is the command
 pytestmark = pytest.mark.usefixtures("no_pictures")
 CHARTS = ["phase", "range", "error, range - radius", "range rate", "turn rate, left positive",
-          "drift: wind less target motion", "innovation", "ranges", "vehicle mode", "law"]  # fmt: skip
+          "drift: wind minus target motion", "innovation", "ranges", "vehicle mode", "law"]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def test_the_page_holds_every_part_and_needs_nobody(page_of, run):
     assert '<div class="outcome bad">UNFINISHED: ' in page, "the outcome in words and colour, first"
     sent = sum(row["yaw_rate_sent"] != "" for row in csv.DictReader((run / "ticks.csv").read_text().splitlines()))
     assert f"<span>{sent} sent</span>" in page
-    assert "2026-09-21 14:13 UTC, vehicle not known" in page
+    assert "2026-09-21 14:13 UTC, vehicle unknown" in page
     assert page.index("<noscript><img") < page.index('id="charts"'), "the flight without a script"
     for part in ("UNFINISHED", "The simulator's truth", "orbit.radius_m", "pymavlink", "exit code", "engaged", "gate"):
         assert part in page
@@ -65,7 +65,7 @@ def test_a_run_without_truth_tells_ranges_and_no_track(page_of, run):
     overrides = ("limits.duration_s=8", "sim.truth.rate_hz=0", 'guidance.estimator="kalman"', 'guidance.law="smooth"')
     recorded_flight(run, "quickstart", *overrides).fly(15).recorder.close()
     page, data = page_of()
-    assert "Range alone does not tell where it flew" in page
+    assert "range alone does not determine it" in page
     assert "differenced" in data["columns"]
     assert data["ways"] == []
 
@@ -76,7 +76,7 @@ def test_what_never_left_is_called_so_and_names_are_no_markup_and_no_placeholder
         ("dry run", "would steer", "would command"),
         ("shadow", "would steer", "would command"),
     ):
-        with_manifest(voice=voice, mission="<script>alert(1)</script>@EVENTS@")
+        with_manifest(output_mode=voice, mission="<script>alert(1)</script>@EVENTS@")
         page, data = page_of()
         words = {word for _, _, word in data["bands"]["phase"]}
         assert words & {"engaged", "would steer"} == {phase}
@@ -97,7 +97,7 @@ def test_an_estimated_track_says_when_it_was_first_believed_and_breaks_where_it_
 
     rewrite_ticks(run, believed)
     page, data = page_of()
-    assert "Estimated position relative to the target, where it was known: first believed at 10.0 s" in page
+    assert "Estimated position relative to the target: first estimate at 10.0 s" in page
     (way,) = data["ways"]
     known = [time for time, east in zip(way["times"], way["east"], strict=True) if east is not None]
     assert (way["name"], known[0]) == ("estimated", 10.0)
@@ -161,7 +161,7 @@ def test_ten_minutes_stay_under_a_megabyte(page_of, run):
         (lambda run: (run / "ticks.csv").unlink(), 2, "No such file"),
         (lambda run: (run / "ticks.csv").write_text("time,phase\n"), 3, "an empty run"),
         (lambda run: (run / "ticks.csv").write_text("".join((run / "ticks.csv").open().readlines()[:2])), 3,
-         "a single tick was recorded, too little for a report"),
+         "only one tick was recorded, a report needs two"),
         (lambda run: (run / "mission.toml").write_text("nonsense"), 2, "not valid TOML"),
         (lambda run: (run / "manifest.json").write_text("{"), 2, "manifest.json"),
         (lambda run: (run / "report.html").mkdir(), 2, "Is a directory"),

@@ -11,14 +11,14 @@ PORT_IN_USE = "endpoint udpin:127.0.0.1:BUSY: port is in use by another program:
     ("command", "says"),
     [
         ("fly nowhere.toml", "nowhere.toml: cannot be read: No such file or directory"),
-        ("fly quikstart", "quikstart: is no file and no bundled mission, did you mean quickstart?; "
+        ("fly quikstart", "quikstart: is not a file and not a bundled mission, did you mean quickstart?; "
          f"bundled: {', '.join(names('mission'))}"),
-        ("fly config/px4_plane.toml", "config/px4_plane.toml: no such file; the bundled one goes by its name: px4-"),
+        ("fly config/px4_plane.toml", "config/px4_plane.toml: no such file; give the bundled one by its name: px4-"),
         ("fly mission.toml --set orbit.radius_m", "--set orbit.radius_m: write it as table.key=value"),
         ("fly mission.toml --duration -5", "mission.toml: limits.duration_s: must be above 0, not -5"),
         ("fly mission.toml --speed 0", "mission.toml: link.sim_speed: must be at least 0.01, not 0"),
         ("fly mission.toml --speed 1e-300", "mission.toml: link.sim_speed: must be at least 0.01, not 1e-300"),
-        ("fly mission.toml --speed 8", "--speed: only the bundled vehicle flies at another speed, not udpin:127."),
+        ("fly mission.toml --speed 8", "--speed: only the bundled vehicle can be simulated faster, not udpin:127."),
         ("fly mission.toml --endpoint udpin:127.0.0.1:BUSY", PORT_IN_USE),
         ("fly mission.toml --set ranging.endpoint=udpin:127.0.0.1:BUSY", PORT_IN_USE),
         ("check mission.toml --set signing.key_file=~nosuchuser/key", "mission.toml: signing.key_file: "),
@@ -34,13 +34,13 @@ PORT_IN_USE = "endpoint udpin:127.0.0.1:BUSY: port is in use by another program:
         *((f"{command} mission.toml --set {override}", f"mission.toml: {says}")
           for command in ("check", "fly", "preflight") for override, says in (
               ("orbit.raduis_m=80", "orbit.raduis_m: unknown key, did you mean radius_m?"),
-              ("link.endpoint=sim", 'link.endpoint: is "sim", which needs a [sim] table describing the vehicle'),
+              ("link.endpoint=sim", 'link.endpoint: is "sim": add a [sim] table that describes the vehicle'),
               ("sim.ranging.nois_m=1.0", 'sim.ranging.nois_m: unknown key, did you mean "noise_m"?'))),
         ("preflight copter --seconds 0", "--seconds: must be at least 1 and at most 600, not 0"),
         ("preflight copter --seconds 601", "--seconds: must be at least 1 and at most 600, not 601"),
         ("init zeppelin", "init zeppelin: is not one of campaign-mission, copter, paper"),
-        ("init plane my+plane.toml", "init: my+plane.toml: a mission's name has letters, digits, '.', '_' and '-'"),
-        ("init plane mission.toml", "init: mission.toml: is there already, name another file: circnav init plane FILE"),
+        ("init plane my+plane.toml", "init: my+plane.toml: a mission's name may have letters, digits, '.', '_'"),
+        ("init plane mission.toml", "init: mission.toml: exists already, name another file: circnav init plane FILE"),
         ("emulate --speed 0", "--speed: must be above 0 and at most 100, not 0"),
         ("emulate --speed 101", "--speed: must be above 0 and at most 100, not 101"),
         ("emulate --speed nan", "--speed: must be above 0 and at most 100, not nan"),

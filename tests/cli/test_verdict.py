@@ -29,11 +29,11 @@ def told(**changes: Any) -> str:
     [
         ({}, "rotation clockwise (as desired), closest approach 97.0 m"),
         ({"truth": {**TRUTH, "direction": "counterclockwise"}}, "rotation counterclockwise (NOT AS DESIRED)"),
-        ({"truth": {**TRUTH, "direction": None}}, "rotation not known yet, closest"),
+        ({"truth": {**TRUTH, "direction": None}}, "rotation unknown, closest"),
         ({"truth": None}, "rotation   clockwise commanded; range alone cannot confirm it"),
         ({}, "estimated  settled after 20 s, radius 100.50 m, RMS error 0.70 m (0.70 %)"),
         ({"settled_s": None}, "estimated  never settled, radius"),
-        ({"radius_mean_m": None}, "estimated  radius not known"),
+        ({"radius_mean_m": None}, "estimated  radius unknown"),
         ({}, "flown 60 s; "),
         ({"flown_s": 120.0, "steered_s": 70.0}, "flown 120 s (70 s steered); "),
         ({"flown_s": 120.0, "steered_s": 119.9}, "flown 120 s; "),
@@ -48,10 +48,10 @@ def told(**changes: Any) -> str:
         ({**TURN, "turn_variation_rad_s2": 1.24}, "at the limit 11 %, variation 1.2 rad/s^2"),
         ({**TURN, **GAIN}, "vehicle    turn gain 0.98, turn delay 0.31 s; law changes 2"),
         ({**TURN, "turn_limit_cycle": True}, "WARNING    LIMIT CYCLE: the turn command oscillates"),
-        ({**TURN, "gain_share": 0.7}, "oscillates, gains at 70 %"),
+        ({**TURN, "gain_share": 0.7}, "oscillates, gains reduced to 70 %"),
         ({"notes": ["  target     found", "  WARNING    lost"]}, "1200 sent\n  target     found\n  WARNING    lost\n"),
         ({"circles": [{**FIGURES, "desired_radius_m": 80.0, "begun_s": 2.0}, {}]}, "before     80 m, 2 s on: settled"),
-        ({"circles": [{}], "circles_wanted_m": [100.0, 60.0]}, "WARNING    circle of 60 m not begun: the one before"),
+        ({"circles": [{}], "circles_wanted_m": [100.0, 60.0]}, "WARNING    circle of 60 m not begun: the circle"),
     ],
 )  # fmt: skip
 def test_it_tells(changes: dict[str, Any], words: str) -> None:

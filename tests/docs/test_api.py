@@ -106,7 +106,7 @@ def test_a_law_and_a_gain_of_ones_own_fly(name, direction):
     assert world.sense is direction
 
 
-def heard(guidance: Guidance, ranges: Callable[[float], float] = lambda time: 150.0) -> Guidance:
+def received(guidance: Guidance, ranges: Callable[[float], float] = lambda time: 150.0) -> Guidance:
     for step in range(20):
         assert guidance.observe(RangeSample(step / 10, step / 10, ranges(step / 10), 0.5))
     return guidance
@@ -117,7 +117,7 @@ def test_no_turn_is_commanded_before_there_is_an_estimate_nor_once_it_is_stale_w
     assert guidance.command(0.0) is None
     guidance.observe(RangeSample(-0.1, -0.1, 150.0, 0.5))
     assert guidance.command(0.0) is None  # one range tells no rate
-    heard(guidance)
+    received(guidance)
     assert not guidance.observe(RangeSample(2.3, 2.3, 400.0, 0.5))
     assert guidance.command(2.4) is not None
     assert guidance.command(2.5) is None
@@ -125,7 +125,7 @@ def test_no_turn_is_commanded_before_there_is_an_estimate_nor_once_it_is_stale_w
 
 def test_a_law_of_ones_own_is_cut_to_the_limit_and_an_estimator_of_ones_own_is_asked():
     for turn, commanded in ((9.0, 0.35), (-9.0, -0.35), (0.1, 0.1)):
-        command = heard(Guidance(ORBIT, lambda estimate, turn=turn: turn)).command(2.0)
+        command = received(Guidance(ORBIT, lambda estimate, turn=turn: turn)).command(2.0)
         assert (command.turn_rate, command.saturated) == (commanded, turn != commanded)
 
     class Told:
@@ -140,7 +140,7 @@ def test_a_law_of_ones_own_is_cut_to_the_limit_and_an_estimator_of_ones_own_is_a
         def at(self, time):
             return RangeEstimate(time, self.sample.r, 7.0, 0.1, 0.1)
 
-    guidance = heard(Guidance(ORBIT, lambda estimate: 0.01 * estimate.r_dot, Told()))
+    guidance = received(Guidance(ORBIT, lambda estimate: 0.01 * estimate.r_dot, Told()))
     assert guidance.command(2.0).turn_rate == pytest.approx(0.07)
 
 
@@ -170,7 +170,7 @@ def test_a_sample_or_motion_that_is_no_measurement_is_refused_and_changes_no_com
 
 def test_only_a_finite_turn_rate_is_commanded():
     for turn in (nan, inf):
-        assert heard(Guidance(ORBIT, lambda estimate, turn=turn: turn)).command(2.0) is None
+        assert received(Guidance(ORBIT, lambda estimate, turn=turn: turn)).command(2.0) is None
 
 
 @pytest.mark.parametrize("law", ["auto", "feedforward", "smooth", "switching", "pd"])

@@ -108,10 +108,10 @@ def module():
     tty.setraw(theirs)
 
     def answer() -> None:
-        heard = b""
+        received = b""
         with suppress(OSError):  # once the test has closed the line
             while data := os.read(ours, 1000):
-                *questions, heard = (heard + data).split(b"\r\n")
+                *questions, received = (received + data).split(b"\r\n")
                 os.write(ours, ANSWER * questions.count(b"AT+ANCHOR_SEND=DAVID123,4,RNGE"))
 
     threading.Thread(target=answer, daemon=True).start()

@@ -1,4 +1,7 @@
-"""The language of docstrings and pages, as far as a few lines can check it: style rules are in CONTRIBUTING.md."""
+"""The language of docstrings, names, messages and pages, as far as a few lines can check it.
+
+The rules are in CONTRIBUTING.md.
+"""
 
 import ast
 import re
@@ -14,6 +17,13 @@ PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "sim
 FRAGMENT = re.compile(r"(Of|What|Whose|Who|How|Where|Whether|By)\b")
 ODD_NUMBER = re.compile(r"(?<![\w.])\.\d|\d \.\. \d")
 """A decimal without a leading zero, or a range written with dots."""
+TALK = (
+    "hear hears heard hearing tell tells told telling says said feel feels believe believes believed deaf anew nobody"
+)
+TALKS = re.compile(rf"\b({TALK.replace(' ', '|')}|say|thinks?|knows?|whoever|stands? still)\b|\+-$", re.IGNORECASE)
+"""Words of messages in which software talks or believes, and a plus-minus sign in ASCII before a number."""
+NAMED = {*TALK.split(), "greet", "guess", "guesses", "guessed", "favourite", "culprit", "stranger", "strangers"}
+"""Words that no name of the code contains."""
 
 
 def docstrings(path: Path) -> Iterator[tuple[int, str]]:
@@ -36,6 +46,36 @@ def test_docstrings_are_no_fragments_and_write_numbers_with_zeros_and_to(path: P
         if FRAGMENT.match(text) or ODD_NUMBER.search(re.sub(r"`[^`]*`|\{[^}]*\}", "", text))
     ]
     assert wrong == []
+
+
+def names(path: Path) -> Iterator[tuple[int, str]]:
+    """Yield line and name of each class, function, argument, variable and attribute that a file defines."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ClassDef | ast.FunctionDef):
+            yield node.lineno, node.name
+        elif isinstance(node, ast.arg):
+            yield node.lineno, node.arg
+        elif isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Store):
+            yield node.lineno, node.id if isinstance(node, ast.Name) else node.attr
+
+
+def messages(path: Path) -> Iterator[tuple[int, str]]:
+    """Yield line and text of the strings of a file that may be shown: with a space, and no docstring."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    forms = {id(part) for node in ast.walk(tree) if isinstance(node, ast.FormattedValue) and node.format_spec
+             for part in ast.walk(node.format_spec)}  # fmt: skip
+    shown = {line for line, _ in docstrings(path)}
+    for node in ast.walk(tree):
+        text = isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value
+        if text and id(node) not in forms and node.lineno not in shown:
+            yield node.lineno, re.sub(r"\{[^}]*\}", "", node.value)
+
+
+@pytest.mark.parametrize("path", CODE, ids=lambda path: str(path.relative_to(ROOT)))
+def test_in_names_and_messages_software_does_not_talk(path: Path) -> None:
+    split = [(line, name, re.sub("(?<=[a-z])(?=[A-Z])", "_", name).lower().split("_")) for line, name in names(path)]
+    assert [(line, name) for line, name, words in split if NAMED & set(words)] == []
+    assert [(line, text) for line, text in messages(path) if TALKS.search(text) or ODD_NUMBER.search(text)] == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

@@ -94,7 +94,7 @@ READERS = {
     "locate {0}": "x.csv",
     "replay {0} --mission quickstart": "x.tlog",
     "report {1}": "manifest.json ticks.csv mission.toml flight.tlog",
-    "replay {1}": "turns.csv mission.toml",
+    "replay {1}": "steps.csv mission.toml",
     "locate {1}": "flight.tlog",
     "runs clean {2} --older-than 0h --keep 0 --yes": "flight.tlog",
     "fly quickstart --duration 1 --out {1}/out": "out/mission.toml",

@@ -20,7 +20,7 @@ from circnav_mav.pilot import VEHICLE, Outcome, OutputMode, Pilot, TickRecord
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.lockstep import Lockstep
-from circnav_mav.runtime.runner import turn
+from circnav_mav.runtime.runner import run_step
 
 copyreg.pickle(struct.Struct, lambda unpacker: (struct.Struct, (unpacker.format,)))  # lets a flight be copied
 
@@ -85,7 +85,7 @@ class Flight:
         self.clock.advance(moment)
         self.now = self.clock.now()
         before = len(self.sent)
-        self._keep(turn(self.pilot, self.links, self.clock, self.now, self._signal()))
+        self._keep(run_step(self.pilot, self.links, self.clock, self.now, self._signal()))
         for data in through(self.up, [data for _, data in self.sent[before:]], self.now):
             self.vehicle.receive(data)
         if self.now >= self.next_truth:
@@ -110,8 +110,8 @@ class Wire:
 
     def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
         frames = through(self.flight.down, [frame for frame, _ in self.link.receive(now)], now)
-        heard: list[tuple[bytes, Hashable]] = [(frame, "sim") for frame in frames if self.flight.hears(frame, now)]
-        return heard + (self.flight.others if self.name == VEHICLE else [])
+        received: list[tuple[bytes, Hashable]] = [(frame, "sim") for frame in frames if self.flight.hears(frame, now)]
+        return received + (self.flight.others if self.name == VEHICLE else [])
 
     def send(self, data: bytes, to: Hashable) -> None:
         if self.name == VEHICLE:

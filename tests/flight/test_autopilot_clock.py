@@ -11,7 +11,7 @@ import pytest
 
 from circnav_mav.runlog.tlog import message_id, read_tlog
 from circnav_mav.runtime.onlookers import Onlookers
-from circnav_mav.runtime.status import Watch
+from circnav_mav.runtime.status import StatusSource
 from tests.flight.lockstep import flight
 from tests.frames import output
 from tests.process import COPTER, PATIENCE, circnav
@@ -63,6 +63,6 @@ def test_a_vehicle_whose_time_runs_at_another_speed_is_noticed(speed: float, tol
         vehicle.receive(output(pilot, now))
         ticks += pilot.take_records()
     assert pilot.session.clock_speed.noticed == (told if told is None else pytest.approx(told, rel=0.02))
-    alarms = [one for one in Watch(pilot, Onlookers()).status(ticks[-1], 15.0).alarms if one.startswith("CLOCK")]
+    alarms = [one for one in StatusSource(pilot, Onlookers()).status(ticks[-1], 15.0).alarms if one.startswith("CLOCK")]
     words = f"CLOCK: autopilot time runs {speed:g} times as fast as ours: for a simulator set link.clock"
     assert [alarm.startswith(words) for alarm in alarms] == ([] if told is None else [True])

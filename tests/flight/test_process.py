@@ -13,7 +13,7 @@ from pymavlink import mavutil
 from circnav_mav.mission.load import parse_mission
 from circnav_mav.pilot import Pilot
 from circnav_mav.runlog.loop_steps import recorded_steps
-from circnav_mav.runlog.replay import Replayed, replay
+from circnav_mav.runlog.replay import ReplayResult, replay
 from circnav_mav.runlog.run_folder import open_run
 from tests.process import PATIENCE, QUICKSTART, circnav, read_until
 
@@ -41,7 +41,7 @@ def test_flight_of_the_command_settles_clockwise_and_says_so(run: tuple[Path, st
     assert "rotation clockwise (as desired)" in printed
 
 
-def again(folder: Path) -> Replayed:
+def again(folder: Path) -> ReplayResult:
     run = open_run(folder)
     return replay(Pilot(parse_mission(run.mission_text, "mission.toml").pilot_settings()), recorded_steps(folder))
 
@@ -54,7 +54,7 @@ def test_run_folder_holds_everything_and_is_replayed_byte_for_byte(run: tuple[Pa
     assert manifest["exit"] == 0
     assert manifest["autopilot"] == {"system": 1, "component": 1, "name": "ardupilot copter", "firmware": "4.6.3"}
     assert set(manifest["versions"]) == {"circnav", "python", "pymavlink", "numpy", "filterpy"}
-    assert (manifest["seeds"], manifest["voice"]) == ({"sim": 7}, "fly")
+    assert (manifest["seeds"], manifest["output_mode"]) == ({"sim": 7}, "fly")
     done = again(run[0])
     assert done.identical
     assert len(done.was_setpoints) > 1000
@@ -79,10 +79,10 @@ def test_signal_leaves_a_safe_setpoint_closes_the_files_and_exits_130(number: si
     process.send_signal(number)
     process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
-    with (folder / "turns.csv").open() as file:
+    with (folder / "steps.csv").open() as file:
         turns = list(csv.DictReader(file))
-    heard_at = next(int(turn["time_us"]) for turn in turns if turn["interrupt"] == number.name)
-    assert int(turns[-1]["time_us"]) - heard_at < 15e6
+    received_at = next(int(turn["time_us"]) for turn in turns if turn["interrupt"] == number.name)
+    assert int(turns[-1]["time_us"]) - received_at < 15e6
     assert json.loads((folder / "summary.json").read_text())["outcome"] == "interrupted"
     log = mavutil.mavlink_connection(str(folder / "flight.tlog"))
     setpoints = []

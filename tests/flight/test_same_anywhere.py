@@ -29,7 +29,7 @@ def flown(folder: Path, *options: str) -> tuple[dict[str, object], bytes, bytes]
     assert (process.returncode, errors) == (0, "")
     summary = json.loads((folder / "summary.json").read_text())
     assert summary.pop("epoch_us") > 0
-    return summary, (folder / "ticks.csv").read_bytes(), (folder / "turns.csv").read_bytes()
+    return summary, (folder / "ticks.csv").read_bytes(), (folder / "steps.csv").read_bytes()
 
 
 def test_the_quickstart_beside_hogs_and_at_a_pace_is_the_quickstart(tmp_path: Path) -> None:

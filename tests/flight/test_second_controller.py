@@ -51,7 +51,7 @@ def test_another_programs_setpoints_are_alarmed_within_five_seconds_and_ours_are
     assert BEGINS < min(told.values()) < BEGINS + 5.0
     assert next(iter(told)).startswith("the vehicle flies ")
     texts = [read(frame) for _, data in flown.sent for frame in frames(data) if message_id(frame) == 253]
-    assert "circnav: another program steers, too" in [text.text for text in texts]
+    assert "circnav: another program also steers" in [text.text for text in texts]
 
 
 @pytest.mark.parametrize("mission", ["ardurover", "px4_plane"])

@@ -146,7 +146,7 @@ def test_plane_without_airspeed_is_not_flown() -> None:
     flown.hears = lambda frame, now: frame[7] != 74  # no VFR_HUD
     flown.fly(30)
     assert flown.setpoint_times == []
-    assert flown.outcome.ending is Ending.NOTHING_HEARD
+    assert flown.outcome.ending is Ending.NOTHING_RECEIVED
     assert "no airspeed in VFR_HUD" in flown.outcome.reason
 
 

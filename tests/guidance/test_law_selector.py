@@ -4,7 +4,7 @@ from math import exp, pi, sin
 
 import pytest
 
-from circnav_mav.guidance.step import FADE, WHY, Flies, Handover, next_handover
+from circnav_mav.guidance.step import FADE, WHY, ActiveLaw, Handover, next_handover
 
 STEP, LIMIT = 0.05, 0.35
 BY_RANGE, BY_BANK = 0.1, -0.05
@@ -27,10 +27,10 @@ def go_on(
 
 def test_a_guess_is_tried_once_the_search_has_had_its_second():
     steps = go_on(Handover(), 2.0, most_likely=3)
-    assert {(step.flies, step.command) for step in steps[:19]} == {(Flies.FEEDFORWARD, BY_RANGE)}
-    assert {step.flies for step in steps[19:]} == {Flies.TRIAL}
+    assert {(step.flies, step.command) for step in steps[:19]} == {(ActiveLaw.FEEDFORWARD, BY_RANGE)}
+    assert {step.flies for step in steps[19:]} == {ActiveLaw.TRIAL}
     assert steps[-1].command == pytest.approx(BY_BANK, abs=0.15 * exp(-0.95 / FADE))
-    assert {step.flies for step in go_on(Handover(), 20.0)} == {Flies.FEEDFORWARD}, "without a guess"
+    assert {step.flies for step in go_on(Handover(), 20.0)} == {ActiveLaw.FEEDFORWARD}, "without a guess"
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
@@ -65,9 +65,9 @@ def test_a_trial_that_tells_nothing_apart_weaves_to_either_side_every_six_second
 def test_the_target_found_ends_the_weaving_and_the_next_search_has_its_time_again():
     searched = go_on(Handover(), 9.0, most_likely=3)
     found = go_on(searched[-1], 2.0, trusted=True)
-    assert {(step.flies, step.untrusted) for step in found} == {(Flies.DRIFT, 0.0)}
+    assert {(step.flies, step.untrusted) for step in found} == {(ActiveLaw.DRIFT, 0.0)}
     assert found[-1].command == pytest.approx(BY_BANK, abs=1e-4)
-    assert go_on(found[-1], 0.5, most_likely=3)[-1].flies is Flies.FEEDFORWARD
+    assert go_on(found[-1], 0.5, most_likely=3)[-1].flies is ActiveLaw.FEEDFORWARD
 
 
 @pytest.mark.parametrize(("trusted", "most_likely"), [(True, -1), (False, 5)])
@@ -86,4 +86,4 @@ def test_nothing_goes_beyond_the_limit():
 
 
 def test_who_flies_is_told_in_a_line_that_a_ground_station_shows_whole():
-    assert all(len(f"circnav: {WHY[flies]}") <= 50 for flies in Flies)
+    assert all(len(f"circnav: {WHY[flies]}") <= 50 for flies in ActiveLaw)

@@ -94,7 +94,7 @@ def learnt(plant, expected=0.5):
     rng, learner = np.random.default_rng(3), ResponseLearner(expected)
     for i in range(0, time.size, 4):
         learner.command(float(time[i]), float(command[i]))
-        learner.feel(float(time[i]), float(angles[i] + 0.005 * rng.standard_normal()), 0.0)
+        learner.on_motion(float(time[i]), float(angles[i] + 0.005 * rng.standard_normal()), 0.0)
     return learner.response(LINK)
 
 
@@ -115,7 +115,7 @@ def test_a_vehicle_that_only_circles_teaches_nothing_of_its_delay():
     learner = ResponseLearner(0.5)
     for i in range(1000):
         learner.command(0.04 * i, 0.15)
-        learner.feel(0.04 * i, 0.15 * 0.04 * i, 0.0)
+        learner.on_motion(0.04 * i, 0.15 * 0.04 * i, 0.0)
     assert not learner.response(0.0).learnt
     assert learner.response(0.0).delay == pytest.approx(0.5)
 

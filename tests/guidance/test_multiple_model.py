@@ -55,7 +55,7 @@ def tracking():
     return flown
 
 
-heard = st.lists(
+received = st.lists(
     st.tuples(
         st.one_of(st.just(STEP), st.floats(-3, 1.3).map(lambda power: 10**power)),
         st.one_of(st.sampled_from([0.0, 1e-4, 0.5, 1e7, 4294967.294]), st.floats(-12, 12).map(lambda power: 10**power)),
@@ -67,7 +67,7 @@ heard = st.lists(
 )
 
 
-@given(heard)
+@given(received)
 def test_no_sequence_of_ranges_leaves_numbers_that_are_none_or_covariances_that_cannot_be(tracking, sequence):
     flown = deepcopy(tracking)
     for one in sequence:

@@ -54,7 +54,7 @@ def test_an_honest_rate_counts_all_the_time(noise):
 @pytest.mark.parametrize(
     ("lie", "words"),
     [
-        (lambda true, measured: -measured, "the opposite: see ranging.rate_sign"),
+        (lambda true, measured: -measured, "opposite sign: see ranging.rate_sign"),
         (lambda true, measured: 1.5 * measured, "ranges change by"),
         (lambda true, measured: measured + 3.0, "ranges change by"),
         (lambda true, measured: 4.0, "ranges change by"),

@@ -10,19 +10,19 @@ from hypothesis import strategies as st
 
 from circnav_mav.guidance.estimators.dead_reckoning import Belief, predict_belief
 from circnav_mav.guidance.estimators.relative_ekf import (
+    ACCELERATION_BIAS_PSD,
+    ACCELERATION_PSD,
     BIAS_TIME,
-    FELT_BIAS_PSD,
-    FELT_PSD,
     GUST_TIME,
     KAPPA,
     KAPPA_PSD,
     POSITION_PSD,
     STATES,
     THETA,
-    Felt,
     Hypotheses,
     R,
     Rates,
+    VelocityChange,
     mixture,
     polar,
     position,
@@ -68,7 +68,7 @@ def process_noise(x):
         at = slice(first, first + 2)
         Q[at, at] = np.eye(2) * q
         Q[:2, at] = Q[at, :2] = np.eye(2) * q * DT / 2
-    Q[8, 8] = Q[9, 9] = FELT_BIAS_PSD * DT
+    Q[8, 8] = Q[9, 9] = ACCELERATION_BIAS_PSD * DT
     Q[4, 4], Q[5, 5] = KAPPA_PSD * DT, (1 - np.exp(-2 * DT / BIAS_TIME)) * (DRIFTING * SIGMA) ** 2
     c, s = np.cos(x[1]), np.sin(x[1])
     T = np.eye(STATES)
@@ -159,15 +159,17 @@ def test_one_flight_is_predicted_as_the_bank_predicts_it(seed, dt, heading, airs
     assert ours.r_dot_variance == pytest.approx(gradient @ Q @ gradient, rel=1e-9)
 
 
-@pytest.mark.parametrize("feels", [0.0, 1.0])
-def test_the_predicted_drift_has_the_felt_change_less_that_of_the_air_velocity_as_far_as_it_is_believed(feels):
+@pytest.mark.parametrize("acceleration_weight", [0.0, 1.0])
+def test_the_predicted_drift_has_the_felt_change_less_that_of_the_air_velocity_as_far_as_it_is_believed(
+    acceleration_weight,
+):
     """v = kappa V u(psi) + drift, so the drift changes by what v does less kappa times what V u(psi) does. What comes
     and goes is not assumed to go where it is felt. (f, l) = (.1, -.2) is the accelerometer's error, for .1 s due up."""
-    belief = Belief(tuple(STATE.tolist()), np.eye(STATES), PSD, GUST, feels)
-    felt = Felt((0.35, 0.1), (-0.1, 0.2), (0.0, 0.1), 0.0)
+    belief = Belief(tuple(STATE.tolist()), np.eye(STATES), PSD, GUST, acceleration_weight)
+    felt = VelocityChange((0.35, 0.1), (-0.1, 0.2), (0.0, 0.1), 0.0)
     ours = predict_belief(belief, DT, (0.5, 1.4), heading=pi / 2, airspeed=15.0, felt=felt)
-    stays = 1.0 if feels else np.exp(-DT / GUST_TIME)
-    measured = feels * np.array([0.35 + 1.02 * 0.1, 0.1 - 1.02 * 0.2])
+    stays = 1.0 if acceleration_weight else np.exp(-DT / GUST_TIME)
+    measured = acceleration_weight * np.array([0.35 + 1.02 * 0.1, 0.1 - 1.02 * 0.2])
     left = np.array([1.0, -2.0]) + stays * np.array([0.3, -0.2]) + [0.3, 0.1] - np.array([0.02, 0.01])
     assert ours.drift == pytest.approx(tuple(left + measured))
 
@@ -182,7 +184,7 @@ def test_a_measured_acceleration_is_bayes_rule_for_what_happened_in_the_step():
     P, path = root @ root.T, np.array([1.2, 0.7])
     change, air = np.array([0.35, 0.1]), np.array([-0.1, 0.2])
     u, left = np.array([np.cos(psi), np.sin(psi)]), np.array([-np.sin(psi), np.cos(psi)])
-    felt = Felt(change[:, None], air[:, None], (u * DT)[:, None], np.array([turn]))
+    felt = VelocityChange(change[:, None], air[:, None], (u * DT)[:, None], np.array([turn]))
     before = hypothesis(x, P)
     step = np.array([DT]), path[:, None], np.array([SIGMA])
     plain, ours = predict(before, assumed, *step), predict(before, assumed, *step, felt)
@@ -199,7 +201,7 @@ def test_a_measured_acceleration_is_bayes_rule_for_what_happened_in_the_step():
     crossed[2:4] += steady * I2
     crossed[6:8] += gusty * I2
     crossed[10:] += nose**2 * I2
-    S = H @ P @ H.T + (steady + gusty + nose**2 + FELT_PSD * DT) * I2
+    S = H @ P @ H.T + (steady + gusty + nose**2 + ACCELERATION_PSD * DT) * I2
     foreseen = x[4] * air + H[:, 6:] @ x[6:]
     expected = plain.x[:, 0, 0] + crossed @ np.linalg.solve(S, change - foreseen)
     assert ours.x[:, 0, 0] == pytest.approx(expected, abs=1e-6)

@@ -11,7 +11,7 @@ from circnav_mav.guidance.estimators.multiple_model import MultipleModelFilter, 
 from circnav_mav.guidance.estimators.relative_ekf import GX, GY, KAPPA
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator, DriftEstimator
 from circnav_mav.guidance.maths import chord
-from circnav_mav.guidance.types import FeltVelocity, RangeSample
+from circnav_mav.guidance.types import IntegratedAcceleration, RangeSample
 from tests.guidance.relative import OMEGA, SETTINGS, WIND, Circling, V, error, listen, listened, silent, still
 
 
@@ -175,16 +175,16 @@ def test_flights_that_hear_at_their_own_times_are_what_each_is_alone():
     """One starts late, one loses half of its ranges; a search has bins and a track has filters of its own time."""
     worlds, rng = [Circling(rng=np.random.default_rng(n)) for n in range(3)], np.random.default_rng(1)
     together, alone = MultipleModelFilter(SETTINGS, 3), [MultipleModelFilter(SETTINGS) for _ in worlds]
-    heard = np.full(3, np.nan)
+    received = np.full(3, np.nan)
     stages = []
     for t in np.arange(0.0, 30.0, 0.1):
         valid = np.array([True, t > 3.33, rng.random() < 0.5])
-        before = np.where(np.isnan(heard), t, heard)
+        before = np.where(np.isnan(received), t, received)
         dt = np.where(valid, t - before, 0.0)
         path = chord(V, OMEGA * before, OMEGA * dt, dt)
         z, sigma = np.array([world.range(t).r for world in worlds]), np.full(3, 0.5)
         together.step(dt, path, z, sigma, valid)
-        heard = np.where(valid, t, heard)
+        received = np.where(valid, t, received)
         for n in np.flatnonzero(valid):
             alone[n].step(dt[[n]], path[:, [n]], z[[n]], sigma[[n]], valid[[n]])
         assert together.stage == pytest.approx([bank.stage[0] for bank in alone])
@@ -218,7 +218,7 @@ def test_a_wrong_airspeed_that_passes_for_a_gust_is_found_out():
 
     def listen_felt(start, end):
         for t in np.arange(start, end, 0.05):
-            felt = FeltVelocity(V * cos(OMEGA * t), V * sin(OMEGA * t), 0.0)
+            felt = IntegratedAcceleration(V * cos(OMEGA * t), V * sin(OMEGA * t), 0.0)
             estimator.move(world.motion(t)._replace(airspeed=told, felt=felt))
             if round(t / 0.05) % 2 == 0:
                 estimator.observe(world.range(t))
@@ -226,13 +226,13 @@ def test_a_wrong_airspeed_that_passes_for_a_gust_is_found_out():
     listen_felt(0.0, 40.0)
     assert estimator.ready
     tracks, noise, nose = estimator.bank._tracks, estimator.bank.noise, OMEGA * 40.0
-    feels = noise.feels[:, 0] > 0
-    wrong = feels | (noise.drift_psd[:, 0] < 1e-3)  # and those that were started from them
+    acceleration_weight = noise.acceleration_weight[:, 0] > 0
+    wrong = acceleration_weight | (noise.drift_psd[:, 0] < 1e-3)  # and those that were started from them
     tracks.x[KAPPA, wrong] = scale - 0.025
     tracks.x[GX, wrong], tracks.x[GY, wrong] = 0.025 * told * cos(nose), 0.025 * told * sin(nose)
     tracks.P[KAPPA, :, wrong], tracks.P[:, KAPPA, wrong] = 0.0, 0.0
     tracks.P[KAPPA, KAPPA, wrong] = 1e-6
-    tracks.log_weight[:, 0] = np.where(feels, 0.0, -11.0)
+    tracks.log_weight[:, 0] = np.where(acceleration_weight, 0.0, -11.0)
     listen_felt(40.0, 120.0)
     relative = estimator.at(120.0).relative
     assert relative.scale == pytest.approx(scale, abs=0.01)

@@ -138,6 +138,16 @@ def test_no_guess_is_tried_on_the_circle_while_the_drift_is_known_from_before(r,
     assert flown[-1] == "trial"
 
 
+def test_the_wait_for_a_search_on_the_circle_begins_when_the_path_is_known_again():
+    """A copter hovers during an outage of its uplink. Its own path is unknown, so nothing is searched meanwhile."""
+    steer = Steering(ORBIT, LawChoice("auto", 0.06))
+    for t in np.arange(0.0, 60.0, 0.5):
+        steer(estimate(105.0, 0.0, t))
+    guess = guessed(x=105.0, drift_remembered=True)
+    flown = [steer(estimate(105.0, 0.0, 60.0 + t, guess)).flies for t in np.arange(0.0, 15.0, 0.5)]
+    assert 9.0 <= 0.5 * flown.index("trial") <= 10.0
+
+
 def test_the_law_flies_with_the_gains_for_the_answer_that_it_is_told():
     at = known(x=130.0, y=20.0, drift_x=1.0, drift_y=-2.0, heading=1.2, turn_rate=0.1)
     steer = Steering(Orbit(R_D, Direction.COUNTERCLOCKWISE, V, LIMIT), LawChoice("auto", 0.06, lag=0.5))

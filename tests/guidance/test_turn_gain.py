@@ -32,9 +32,9 @@ def test_gain_is_learnt_however_poor_and_survives_a_minute_in_which_the_vehicle_
     assert unheard.gain == pytest.approx(0.9, abs=0.06)
     soon = turned(unheard, 120.0, 2.0, 0.9 * COMMAND)
     assert soon.gain == unheard.gain, "the low-pass still remembers the vehicle that stood"
-    heard = turned(unheard, 120.0, 5.0, 0.9 * COMMAND)
-    assert heard.followed
-    assert heard.gain == pytest.approx(0.9, abs=0.08)
+    received = turned(unheard, 120.0, 5.0, 0.9 * COMMAND)
+    assert received.followed
+    assert received.gain == pytest.approx(0.9, abs=0.08)
 
 
 @pytest.mark.parametrize("swing", [0.3, 1.0])

@@ -4,7 +4,7 @@ from math import sin
 
 import pytest
 
-from circnav_mav.guidance.turn_answer import TurnAnswer
+from circnav_mav.guidance.turn_answer import LearnedResponse
 from circnav_mav.guidance.types import OwnMotion
 
 STEP, DEAD, LAG, GAIN = 0.05, 0.2, 0.15, 0.9
@@ -14,7 +14,7 @@ class Vehicle:
     """Turns at 0.9 of what it was commanded 0.2 s before, through a lag of 0.15 s; flies on for 3 s when deaf."""
 
     def __init__(self):
-        self.answer, self.now, self.heading, self.rate = TurnAnswer(0.4, 0.5), 0.0, 0.0, 0.0
+        self.answer, self.now, self.heading, self.rate = LearnedResponse(0.4, 0.5), 0.0, 0.0, 0.0
         self._on_the_way = [0.0] * round(DEAD / STEP)
 
     def fly(self, seconds, *, deaf=False):
@@ -23,12 +23,12 @@ class Vehicle:
             # a circle, and what keeps the vehicle on it; off the circle, the command calls for more and more
             command = 0.17 + 0.1 * sin(0.9 * self.now) + (0.3 * min((self.now - since) / 3, 1.0) if deaf else 0.0)
             self.answer.command(self.now, command)
-            heard = command if not deaf else last if self.now - since < 3.0 else 0.0
-            self._on_the_way.append(heard)
+            received = command if not deaf else last if self.now - since < 3.0 else 0.0
+            self._on_the_way.append(received)
             self.rate += (GAIN * self._on_the_way.pop(0) - self.rate) * STEP / LAG
             self.heading += self.rate * STEP
             self.now = round(self.now + STEP, 6)
-            self.answer.feel(OwnMotion(self.now, self.heading, self.rate, 5.0))
+            self.answer.on_motion(OwnMotion(self.now, self.heading, self.rate, 5.0))
         return self.answer
 
 

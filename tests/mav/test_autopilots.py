@@ -192,7 +192,7 @@ def test_a_parameter_that_is_no_number_fails_and_says_so(vehicle, value) -> None
     names = {name for rule in vehicle.parameters for name, _ in rule.names}
     context = Context(15.0, 20.0, 30.0, 50.0, 0.05, 1, dict.fromkeys(names, value))
     for check in (rule.check(context) for rule in vehicle.parameters):
-        assert check.grade is Grade.FAIL and check.says.endswith(f"= {value:g}: is not a number: set it anew")
+        assert check.grade is Grade.FAIL and check.text.endswith(f"= {value:g}: is not a number: set it again")
 
 
 @pytest.mark.parametrize("airspeed", [5.01, 9.0, 12.0, 15.99])

@@ -101,11 +101,11 @@ def test_a_stamp_is_newer_repeated_or_overtaken_unless_it_is_far_behind_or_ahead
 
 def ages(lag, *, slower=lambda since, now: 0.0, jitter=0.0, seconds=8.0):
     """(time, age shown) at 10 Hz; lag(t): how late a sample stamped t comes, s, from second 4 on, less the jitter."""
-    rng, clock, shown, heard = np.random.default_rng(7), StampFilter(slower), [], 0.0
+    rng, clock, shown, received = np.random.default_rng(7), StampFilter(slower), [], 0.0
     for i in range(round(10 * seconds)):
         stamp = i / 10
-        heard = max(heard, stamp + rng.uniform(0.0, jitter) + (lag(stamp) if stamp >= 4.0 else 0.0))
-        shown.append((heard, heard - clock.local(stamp + 900.0, heard)))
+        received = max(received, stamp + rng.uniform(0.0, jitter) + (lag(stamp) if stamp >= 4.0 else 0.0))
+        shown.append((received, received - clock.local(stamp + 900.0, received)))
     return shown
 
 
@@ -195,7 +195,7 @@ def test_a_step_is_doubted_while_it_may_be_the_clocks():
 def found(times):
     """What is found after each (time since boot, our time)."""
     clock = ClockSpeed()
-    return [clock.heard(boot, now) or clock.found for boot, now in times]
+    return [clock.received(boot, now) or clock.found for boot, now in times]
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.5, 8.0])

@@ -130,11 +130,11 @@ VERSION_1 = bytes(HEARTBEAT.pack(mavlink.MAVLink(None, srcSystem=7), force_mavli
 @pytest.mark.parametrize(
     ("data", "words", "unknown"),
     [
-        (b"", "0 bytes heard", 0),
-        (b"GET / HTTP/1.1\r\n\r\n", "heard 18 bytes, 0 frames, 1 CRC or framing errors, {}: none, {}: none", 0),
-        (VERSION_1, "heard 17 bytes, 1 frames, 0 CRC or framing errors, {}: 7/0, {}: 1 only", 0),
-        (VERSION_1 + GOOD[0], "heard 38 bytes, 2 frames, 0 CRC or framing errors, {}: 7/0, 7/1, {}: 2", 0),
-        (b"\0" + BEAT + unknown_frame(), "heard 43 bytes, 2 frames, 1 CRC or framing errors, {}: 7/1, {}: 2", 1),
+        (b"", "0 bytes received", 0),
+        (b"GET / HTTP/1.1\r\n\r\n", "received 18 bytes, 0 frames, 1 CRC or framing errors, {}: none, {}: none", 0),
+        (VERSION_1, "received 17 bytes, 1 frames, 0 CRC or framing errors, {}: 7/0, {}: 1 only", 0),
+        (VERSION_1 + GOOD[0], "received 38 bytes, 2 frames, 0 CRC or framing errors, {}: 7/0, 7/1, {}: 2", 0),
+        (b"\0" + BEAT + unknown_frame(), "received 43 bytes, 2 frames, 1 CRC or framing errors, {}: 7/1, {}: 2", 1),
     ],
     ids=["nothing", "no frame", "version 1", "both versions", "junk and an unknown id"],
 )

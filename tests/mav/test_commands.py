@@ -43,7 +43,7 @@ def test_an_unanswered_command_is_repeated_three_times_counting_and_then_given_u
         assert (message.target_system, message.target_component, message.command) == (1, 1, SET_MODE)
         assert [getattr(message, f"param{i}") for i in range(1, 8)] == [1, 4, 0, 0, 0, 0, 0]
     (result,) = sender.take_results()
-    assert (result.command, result.result, result.accepted, result.said) == (GUIDED, None, False, "no answer")
+    assert (result.command, result.result, result.accepted, result.answer) == (GUIDED, None, False, "no answer")
     assert not result.refused
     assert sender.take_results() == []
 
@@ -57,7 +57,7 @@ def test_an_answer_ends_the_repeats_and_is_told_in_words(sender, result, said):
     sender.acknowledge(ack(result=result), US, 0.1)
     assert poll_until(sender, 3.0, start=0.25) == []
     (ended,) = sender.take_results()
-    assert (ended.accepted, ended.refused, ended.said) == (result == ACCEPTED, result != ACCEPTED, said)
+    assert (ended.accepted, ended.refused, ended.answer) == (result == ACCEPTED, result != ACCEPTED, said)
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def test_in_progress_stops_the_repeats_for_three_seconds_and_three_times_at_most
         sender.acknowledge(ack(result=IN_PROGRESS), US, now)
     assert poll_until(sender, 9.05, start=3.2) == sender.take_results() == []
     assert poll_until(sender, 9.15, start=9.1) == []
-    assert sender.take_results()[0].said == "no answer"
+    assert sender.take_results()[0].answer == "no answer"
 
 
 def test_one_command_of_a_number_is_under_way_at_a_time_and_those_of_others_do_not_wait():
@@ -145,7 +145,7 @@ def streams():
 def hear(streams, seconds, attitude=10.0):
     for message_id, rate in ((ATTITUDE, attitude), (TIME, 1.0), (1000, 5.0)):
         for _ in range(round(seconds * rate)):
-            streams.heard(message_id)
+            streams.received(message_id)
 
 
 def asked(commands):
@@ -171,7 +171,7 @@ def test_streams_are_asked_for_in_microseconds_measured_and_below_half_their_rat
 def test_a_stream_that_a_ground_station_already_requested_is_neither_requested_nor_given_back(streams):
     """Behind MAVProxy, which prints each acknowledgment: 4 Hz of everything, set again every 15 s."""
     assert asked(streams.poll(0.0)) == [(ATTITUDE, 100_000)]
-    streams.heard(TIME)
+    streams.received(TIME)
     assert streams.poll(0.6) == []
     hear(streams, 3.0)
     assert streams.poll(3.6) == []
@@ -206,5 +206,5 @@ def test_what_the_vehicle_may_not_have_is_asked_for_again_only_once_it_was_heard
     streams = StreamRequests({ATTITUDE: 10.0, TIME: 1.0}, maybe={TIME})
     asked = [[one.params[0] for one in streams.poll(now)] for now in (0.0, 10.0, 20.0)]
     assert asked == [[ATTITUDE], [TIME], [ATTITUDE]]
-    streams.heard(TIME)
+    streams.received(TIME)
     assert [[one.params[0] for one in streams.poll(now)] for now in (30.0, 40.0)] == 2 * [[ATTITUDE, TIME]]

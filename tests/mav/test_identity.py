@@ -38,7 +38,7 @@ def test_a_vehicle_that_calls_itself_0_is_not_believed_for_everybody_would_hear_
     rig.vehicle = Voice(0, 1)
     rig.run(3.0, mode=LOITER)
     assert rig.of("COMMAND_LONG") == [] and not rig.pilot.session.up
-    assert rig.pilot.session.misfits[0, 1] == "system 0 is no id of a vehicle: set its system id to 1 .. 255"
+    assert rig.pilot.session.misfits[0, 1] == "system 0 is no id of a vehicle: set its system id to 1 to 255"
 
 
 @pytest.mark.parametrize("version", [1, 2])
@@ -61,8 +61,8 @@ def test_a_vehicle_of_another_kind_that_comes_back_under_our_ids_is_not_ours(mak
         rig.run(0.2)
     assert rig.setpoints(since) + rig.of("SET_ATTITUDE_TARGET", since) == []
     assert rig.pilot.session.reply_to == "vehicle"
-    reasons = [*rig.pilot.session.misfits.values(), *rig.pilot.session.identity.rivals.recent(rig.now)]
-    assert ("not the vehicle heard first" if source == "vehicle" else "has a second sender") in " ".join(reasons)
+    reasons = [*rig.pilot.session.misfits.values(), *rig.pilot.session.identity.second_senders.recent(rig.now)]
+    assert ("not the vehicle received first" if source == "vehicle" else "has a second sender") in " ".join(reasons)
 
 
 # --- other addresses: the vehicle's own stays while anything of it comes from there, and afterwards a proof counts
@@ -108,7 +108,7 @@ def test_no_other_address_replaces_one_that_still_sends_anything_of_the_vehicle(
             rig.hear(boot_time(1000.0 + rig.now), voice=twin, source="elsewhere")
             rig.hear(heartbeat(GUIDED), voice=twin, source="elsewhere")
         assert rig.pilot.session.reply_to == "vehicle"
-    assert rig.pilot.session.identity.rivals.recent(rig.now)
+    assert rig.pilot.session.identity.second_senders.recent(rig.now)
     rig.hear(boot_time(1000.0 + rig.now))
     rig.run(1.0, speaks=True, ranges=True)
     rig.hear(boot_time(1000.0 + rig.now))
@@ -183,7 +183,7 @@ def test_a_vehicle_that_never_tells_its_time_after_a_silence_is_waited_for_as_fo
     since = rig.now
     rig.run(1.0)
     assert rig.pilot.mission.phase is Phase.WAIT_LINK
-    waits = {"vehicle": "not known whether this is the same vehicle", "elsewhere": "its time since boot"}
+    waits = {"vehicle": "the vehicle's identity is not confirmed", "elsewhere": "its time since boot"}
     assert waits[source] in rig.pilot.status.waits_for(rig.now)
     rig.run(21.0)
     asked = [message.param1 for message in rig.commands(512, since)]
@@ -201,7 +201,7 @@ def test_last_words_that_could_not_be_said_are_told_of(make_rig):
     rig.hear(boot_time(1000.0 + rig.now), source="elsewhere")
     rig.run(1.0, source="elsewhere", speaks=True)
     assert rig.pilot.session.reply_to == "elsewhere"
-    assert rig.pilot.last_words(rig.now) == b"", "not after an error of ours either"
+    assert rig.pilot.last_frames(rig.now) == b"", "not after an error of ours either"
     rig.run(13.0)
     assert rig.pilot.mission.phase is Phase.ENDED
     assert rig.pilot.mission.outcome.reason.startswith("SIGTERM; exit action not requested")
@@ -274,11 +274,11 @@ def test_a_vehicle_whose_heartbeats_have_a_counter_of_their_own_is_believed(rig)
         rig.hear(attitude(0))
     rig.hear(attitude(0), voice=Voice(1, 1))
     rig.pass_time(0.6)
-    since, heard = rig.now, rig.pilot.session.vehicle.heartbeats
+    since, received = rig.now, rig.pilot.session.vehicle.heartbeats
     for _ in range(40):
         rig.hear(attitude(0), voice=Voice(1, 1))
         rig.run(0.05)
-    assert rig.pilot.session.vehicle.heartbeats > heard
+    assert rig.pilot.session.vehicle.heartbeats > received
     assert rig.setpoints(since)
 
 
@@ -294,7 +294,7 @@ def test_another_companion_ends_the_flight_and_a_stray_frame_now_and_then_does_n
         rig.run(apart)
     assert (rig.pilot.mission.outcome is not None) is ends
     if ends:
-        assert "another companion sends as 1/191" in rig.pilot.mission.outcome.reason
+        assert "another companion sends with our ids 1/191" in rig.pilot.mission.outcome.reason
 
 
 def test_frames_in_our_name_that_the_vehicle_did_not_forward_end_nothing_and_are_told_of(make_rig):
@@ -304,11 +304,11 @@ def test_frames_in_our_name_that_the_vehicle_did_not_forward_end_nothing_and_are
         rig.hear(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 3, 3), voice=twin, source=("10.9.9.9", 6666))
         rig.run(0.1)
     assert rig.pilot.mission.outcome is None
-    (line,) = rig.pilot.session.identity.rivals.recent(rig.now)
+    (line,) = rig.pilot.session.identity.second_senders.recent(rig.now)
     assert line.startswith("circnav has a second sender: 1/191 at 10.9.9.9:6666 is rejected")
     assert "circnav: circnav: second sender rejected" in rig.texts()
     rig.run(6.0)
-    assert rig.pilot.session.identity.rivals.recent(rig.now) == []
+    assert rig.pilot.session.identity.second_senders.recent(rig.now) == []
 
 
 @pytest.mark.parametrize(
@@ -326,23 +326,25 @@ def test_what_is_said_in_the_vehicles_name_from_elsewhere_counts_for_nothing(rig
     session = rig.engage().pilot.session
     message = rig.vehicle.message(message)
     assert session.receive(message, rig.now, "elsewhere") is False
-    assert session.identity.rivals.recent(rig.now)[0].startswith("the vehicle has a second sender: 1/1 at elsewhere is")
+    assert session.identity.second_senders.recent(rig.now)[0].startswith(
+        "the vehicle has a second sender: 1/1 at elsewhere is"
+    )
     assert session.receive(message, rig.now, "vehicle") is True
 
 
 def test_of_strangers_so_much_is_read_as_leaves_time_for_the_vehicle(rig):
     """And of the vehicle all."""
     rig.engage()
-    heard = rig.pilot.connection.counts[VEHICLE]
-    junk, before = bytes(1000), heard.bytes
+    received = rig.pilot.connection.counts[VEHICLE]
+    junk, before = bytes(1000), received.bytes
     for source, read in (("elsewhere", 32), ("vehicle", 500)):
         for _ in range(500):
             rig.pilot.receive(junk, rig.now, source)
-        assert heard.bytes - before == 1000 * read
-        before = heard.bytes
+        assert received.bytes - before == 1000 * read
+        before = received.bytes
     assert rig.pilot.allowance.dropped == 468_000
     rig.pilot.receive(junk, rig.now + 1.0, "elsewhere")
-    assert heard.bytes - before == 1000
+    assert received.bytes - before == 1000
 
 
 def test_a_radio_of_its_own_address_is_not_followed_to_another_in_flight(rig):
@@ -351,12 +353,12 @@ def test_a_radio_of_its_own_address_is_not_followed_to_another_in_flight(rig):
     rig.run(6.0, lambda: rig.range(voice=radio, source=at), ranges=False)
     rig.run(4.0, lambda: rig.range(voice=radio, source=("10.0.0.7", 8)))
     assert rig.pilot.tracker.newest.time < 6.1
-    assert rig.pilot.believed == "1/1 at vehicle, ranges of 1/192 at 10.0.0.7:7"
-    heard = rig.pilot.connection.counts[VEHICLE]
-    before = heard.bytes
+    assert rig.pilot.trusted == "1/1 at vehicle, ranges of 1/192 at 10.0.0.7:7"
+    received = rig.pilot.connection.counts[VEHICLE]
+    before = received.bytes
     for _ in range(500):
         rig.pilot.receive(bytes(1000), rig.now, ("10.0.0.7", 7))
-    assert heard.bytes - before == 500_000, "nor is it a stranger, whose bytes are counted"
+    assert received.bytes - before == 500_000, "nor is it a stranger, whose bytes are counted"
 
 
 def test_a_second_sender_is_told_of_once_and_only_if_his_ranges_fit_the_mission(rig):
@@ -378,7 +380,7 @@ def test_where_two_speak_as_the_vehicle_neither_is_engaged_until_one_is_silent(r
         rig.run(0.1)
     assert rig.pilot.mission.phase is Phase.READY
     assert "the vehicle has a second sender: 1/1 at vehicle is rejected" in rig.pilot.status.waits_for(rig.now)
-    assert rig.pilot.status.waits_for(rig.now).endswith("name yours with link.peer, or sign")
+    assert rig.pilot.status.waits_for(rig.now).endswith("select yours by link.peer, or sign")
     assert rig.setpoints() == []
 
 
@@ -400,7 +402,7 @@ def test_answers_to_commands_in_our_name_that_nothing_of_ours_asked_for_are_alar
     rig.run(11.0)
     assert rig.pilot.second_controller.evidence(rig.now) == ""
     assert [text for text in rig.texts() if "another program" in text] == [
-        "circnav: another program steers, too",
+        "circnav: another program also steers",
         "circnav: another program no longer steers",
     ]
 

@@ -59,7 +59,7 @@ def test_two_attitudes_in_three_seconds_are_too_few_and_two_per_second_are_enoug
         assert sensor.seldom(every * 19 + 0.1) is seldom
 
 
-def heard(delays, boot_ms=0, seconds=20.0):
+def received(delays, boot_ms=0, seconds=20.0):
     """(own motion, true time of it) for attitudes at 20 Hz that are each under way for as long as delays() says."""
     sensor, found = OwnMotionSensor(), []
     sent = [(i / 20, (boot_ms + 50 * i) % 2**32) for i in range(round(20 * seconds))]
@@ -76,7 +76,7 @@ def test_an_attitude_counts_from_when_it_was_measured_not_from_when_it_came_and_
 ):
     """Also across the wrap of the vehicle's 32-bit milliseconds."""
     chance = random.Random(1)
-    found = heard(lambda: chance.uniform(0.0, longest), boot_ms)
+    found = received(lambda: chance.uniform(0.0, longest), boot_ms)
     times = [own.time for own, _ in found]
     assert times == sorted(set(times))
     late = [own.time - at for own, at in found if at > 10]

@@ -92,7 +92,7 @@ def test_our_vehicle_may_come_back_from_another_address_with_its_time_since_boot
     here.session.lose()
     here.beat(now=5.0, voice=Voice(2, 1))
     assert not here.session.up
-    assert "not the vehicle heard first, system 1" in here.session.misfits[2, 1]
+    assert "not the vehicle received first, system 1" in here.session.misfits[2, 1]
     here.beat(now=5.1, source="elsewhere")
     assert here.session.up
 

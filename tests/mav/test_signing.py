@@ -142,7 +142,7 @@ def test_unsigned_and_wrongly_signed_frames_are_refused_counted_and_not_logged_a
         assert decoder.decode(frame) == []
         assert decoder.frames == []
     assert decoder.counts.refused == {"unsigned": 2, "wrong_signature": 1}
-    assert "every frame heard is unsigned or wrongly signed" in decoder.counts.describe()
+    assert "every frame received is unsigned or wrongly signed" in decoder.counts.describe()
     assert "check signing.key_file" in decoder.counts.describe()
     good = [said(theirs, number) for number in range(4)]
     assert decoded(decoder, [said(peer(None)).join(good)]) == good
@@ -165,7 +165,7 @@ def test_without_a_key_everybody_is_believed_and_with_one_unsigned_frames_where_
     decoder = Decoder()
     assert len(decoder.decode(frames)) == 3
     assert (decoder.counts.signed, decoder.counts.refused) == (2, {})
-    assert "2 of the frames are signed, and ours may be refused" in decoder.counts.describe()
+    assert "2 of the frames are signed, and ours may be rejected" in decoder.counts.describe()
     assert len(believing(accept_unsigned=True).decode(frames)) == 2
 
 

@@ -14,7 +14,7 @@ def ask_and_answer(timesync, since, trips):
         now = since + i / 20
         for at, stamp in due:
             if abs(at - now) < 0.01:
-                timesync.heard(stamp, now)
+                timesync.received(stamp, now)
         for question in timesync.poll(now):
             trip = trips.pop(0) if trips else None
             due += [] if trip is None else [(now + trip, question.ts1)]
@@ -51,14 +51,14 @@ def test_only_the_first_answer_to_our_own_question_counts(answers, trips):
     timesync = Timesync()
     (question,) = timesync.poll(1.0)
     for other, now in answers:
-        timesync.heard(question.ts1 + other, now)
+        timesync.received(question.ts1 + other, now)
     assert list(timesync.trips) == pytest.approx(trips)
 
 
 def test_a_question_that_should_have_been_answered_is_asked_again_at_once(quick):
     (question,) = quick.poll(26.0)
     assert asked(quick, 26.05, 28.0) == pytest.approx([26.25 + i / 4 for i in range(7)])
-    quick.heard(question.ts1, 28.0)
+    quick.received(question.ts1, 28.0)
     assert quick.worst == pytest.approx(2.0)
 
 
@@ -78,7 +78,7 @@ def test_a_vehicle_is_asked_the_time_twice_a_second_and_later_once():
     for i in range(120):
         for question in timesync.poll(i / 20):
             times.append(i / 20)
-            timesync.heard(question.ts1, i / 20)
+            timesync.received(question.ts1, i / 20)
     assert times == pytest.approx([0, 0.5, 1, 1.5, 2, 2.5, 3.5, 4.5, 5.5])
 
 
@@ -89,7 +89,7 @@ def test_how_much_slower_a_link_has_become_is_told_by_the_quickest_answer_since_
     assert timesync.poll(26.0)
     assert timesync.slower(26.1, 26.6) == float("inf")
     (question,) = timesync.poll(26.6)
-    timesync.heard(question.ts1, 27.3)
+    timesync.received(question.ts1, 27.3)
     assert timesync.slower(26.1, 27.3) == pytest.approx(0.5)
     assert timesync.slower(27.4, 37.2) == float("inf")
     assert timesync.slower(27.4, 37.5) == 0.0, "who answers nothing any more tells nothing"
@@ -99,6 +99,6 @@ def test_where_no_question_waits_for_its_answer_one_is_asked_at_once_and_who_onl
     timesync = Timesync()
     for i in range(120):
         for question in timesync.poll(i / 20):
-            timesync.heard(question.ts1, i / 20)
-    assert timesync.told(5.9, 5.95) == float("inf") and timesync.poll(5.95) == []
+            timesync.received(question.ts1, i / 20)
+    assert timesync.delay_increase(5.9, 5.95) == float("inf") and timesync.poll(5.95) == []
     assert timesync.slower(5.9, 5.95) == float("inf") and timesync.poll(5.95)

@@ -10,7 +10,7 @@ from circnav_mav.mission.checks import check_mission
 
 PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
 PLANE = ("vehicle.kind=plane", "vehicle.max_bank_deg=45")
-SUBJECTS = ["keys", "vehicle", "gain", "radius", "drift", "settling", "height", "reach", "sampling", "damping"]
+SUBJECTS = ["keys", "autopilot", "gain", "radius", "drift", "settling", "height", "reach", "sampling", "damping"]
 
 
 def lines(mission, subject, *overrides):
@@ -19,13 +19,13 @@ def lines(mission, subject, *overrides):
 
 def only(mission, subject, *overrides):
     (line,) = lines(mission, subject, *overrides)
-    assert "\n" not in line.says
+    assert "\n" not in line.text
     return line
 
 
 def test_a_sound_mission_passes_every_line_but_the_unknown_height(mission):
     grades = {line.subject: line.grade for line in check_mission(mission())}
-    assert set(grades) == {*SUBJECTS, "turn rate", "range rate"}
+    assert set(grades) == {*SUBJECTS, "turn rate", "rate error"}
     assert {subject for subject, grade in grades.items() if grade is not PASS} == {"height"}
     assert grades["height"] is WARN
 
@@ -65,8 +65,8 @@ BOUNDS = [
     ("switching", law("switching", 1.04, FAST), WARN), ("switching", law("switching", 1.06, FAST), FAIL),
     # a fifth and a half of 15 m/s. Steady P_vv of white acceleration a: sqrt 2 (a^2 T)^(3/4) (sigma^2 T)^(1/4), with
     # a = (15^2/100 + 15 * 0.349)/3 = 2.5 m/s^2 and T = 0.1 s: 2.8 m/s at 200 m, 5.0 at 2000 m, 7.6 at 11 km
-    ("range rate", "ranging.sigma_m=200.0", PASS), ("range rate", "ranging.sigma_m=2000.0", WARN),
-    ("range rate", "ranging.sigma_m=11000.0", FAIL),
+    ("rate error", "ranging.sigma_m=200.0", PASS), ("rate error", "ranging.sigma_m=2000.0", WARN),
+    ("rate error", "ranging.sigma_m=11000.0", FAIL),
     # 2 k r_d V = 0.3 a second, times the lags of turn and filter: limit cycles from 0.45 on, refused at four times
     ("damping", lag(0.5), PASS), ("damping", lag(1.7), WARN), ("damping", lag(4.5), WARN), ("damping", lag(7.0), FAIL),
     ("damping", "vehicle.turn_lag_s=0.8", PASS),
@@ -90,63 +90,63 @@ def test_a_grade_turns_at_its_bound(mission, subject, overrides, grade):
 
 
 SIGNED = "signing.key_file=k"
-SAYS = [
+SENT_TYPES = [
     ("gain", "guidance.gain=2e-4", PASS, "smooth: k = 0.0002 1/m^2 (given), needs k > 1/(2 r_d^2) = 5e-05"),
     ("gain", "orbit.radius_m=100", PASS, "smooth: k = 0.0001 1/m^2 (default), needs k > 1/(2 r_d^2) = 5e-05"),
     # example 1 of the paper: r_a = 10.98684113 at r_d = 10, k = 0.01
     ("radius", "orbit.radius_m=10.0 guidance.gain=0.01 vehicle.speed_mps=1.0 guidance.correct_radius=false", WARN,
-     "10.987 m will be reached, 10 m asked for; set guidance.correct_radius = true to reach it exactly"),
+     "steady radius 10.987 m, desired 10 m; set guidance.correct_radius = true to correct it"),
     ("radius", "orbit.radius_m=10.0 guidance.gain=0.01 vehicle.speed_mps=1.0", PASS,
-     "10.000 m will be reached, 10 m asked for"),
+     "steady radius 10.000 m, desired 10 m"),
     # 9.80665 tan(45 deg)/15 = 37.46 deg/s, of which a plane that slips reaches .72
     ("turn rate", " ".join([*PLANE, "vehicle.max_turn_rate_deg_s=90"]), PASS,
-     "the circle needs 8.59 deg/s of the vehicle's 26.97 deg/s (32 %, must stay below 100 %): 0.72 of the 37.46 deg/s "
-     "that may be commanded"),
+     "the circle needs 8.59 deg/s of the vehicle's 26.97 deg/s (32 %, must stay below 100 %): turn gain 0.72 "
+     "at a command of 37.46 deg/s"),
     # 3, 4, 5: 300 m out and 400 m up are 500 m
     ("reach", "orbit.radius_m=300 orbit.height_above_target_m=400", WARN,
-     "range on the circle 500.0 m of the 655.3 m that distance_sensor carries (76 %, at most 80 %)"),
+     "range on the circle 500.0 m, distance_sensor reports up to 655.3 m (76 %, at most 80 %)"),
     ("reach", BEACON, PASS,
-     "range on the circle 100.0 m of the 4295 km that ranging_beacon carries (0 %, at most 80 %)"),
+     "range on the circle 100.0 m, ranging_beacon reports up to 4295 km (0 %, at most 80 %)"),
     ("reach", "ranging.max_range_m=600", PASS,
-     "range on the circle 100.0 m of the 600.0 m that ranging.max_range_m allows (17 %, at most 80 %)"),
+     "range on the circle 100.0 m, ranging.max_range_m = 600.0 m (17 %, at most 80 %)"),
     # d rho = h/rho dh
     ("height cost", "orbit.height_above_target_m=29", PASS,
-     "1 m of error in the height of 29.0 m above the target is 0.29 m of radius (WARN above 0.3)"),
+     "1 m of error in the height above the target (29.0 m) changes the radius by 0.29 m (WARN above 0.3)"),
     ("height cost", "orbit.height_above_target_m=31", WARN,
-     "1 m of error in the height of 31.0 m above the target is 0.31 m of radius (WARN above 0.3)"),
+     "1 m of error in the height above the target (31.0 m) changes the radius by 0.31 m (WARN above 0.3)"),
     ("bounds", "bounds.max_range_m=640", PASS,
      "the circle of 100 m must be below bounds.max_range_m = 640 m (horizontal ranges), by 10 %"),
     ("ranging", BEACON, WARN,
-     "ArduPilot and PX4 do not forward RANGING_BEACON: unless the radio itself speaks on link.endpoint, give it its "
-     "own (ranging.endpoint)"),
+     "ArduPilot and PX4 do not forward RANGING_BEACON: set ranging.endpoint, unless the radio "
+     "itself sends to link.endpoint"),
     ("exit", "vehicle.autopilot=auto exit.action=brake", FAIL,  # of the two copters only ArduPilot's brakes
-     "px4 copter knows no exit action brake: choose loiter, rtl, land, hold"),
+     "px4 copter has no exit action brake: choose loiter, rtl, land, hold"),
     ("signing", SIGNED, PASS,
-     "frames are signed, and believed only if signed with our key"),
+     "frames are signed, and accepted only if signed with our key"),
     ("signing", f"{SIGNED} signing.accept_unsigned=true", WARN,
-     "frames are signed, but unsigned ones are believed too: anybody can speak for the vehicle "
+     "frames are signed, but unsigned frames are accepted too: any program can pose as the vehicle "
      "(signing.accept_unsigned)"),
     ("signing", f"{SIGNED} ranging.endpoint=udpin:0.0.0.0:14560 signing.accept_unsigned=ranging", PASS,
-     "frames are signed, and believed only if signed with our key, on the ranging endpoint unsigned ones too"),
-    # whoever speaks first is believed, where nobody is named and anybody can be heard
+     "frames are signed, and accepted only if signed with our key, on the ranging endpoint also unsigned"),
+    # without a configured address, the first sender is accepted
     ("peer", "link.endpoint=udpin:0.0.0.0:14550", WARN,
-     "on udpin:0.0.0.0:14550 whoever speaks first is believed: name its address (link.peer), or sign "
+     "udpin:0.0.0.0:14550 accepts the first sender of the vehicle's heartbeats: set its address (link.peer), or sign "
      "(docs/signing.md)"),
     ("peer", "link.endpoint=udpin:0.0.0.0:14550 link.peer=10.0.0.5", PASS,
-     "udpin:0.0.0.0:14550 hears 10.0.0.5 only"),
+     "udpin:0.0.0.0:14550 accepts 10.0.0.5 only"),
     ("peer", "link.endpoint=tcp:10.0.0.5:5760 link.peer=10.0.0.5", WARN,
-     "link.peer has no effect: only udpin hears more than one address"),
+     "link.peer has no effect: only udpin receives from more than one address"),
     # it loiters after 3 s, banking hard; a copter brakes
     ("exit", " ".join([*PLANE, "exit.action=stop"]), FAIL,
-     "a plane left in its mode loiters 3 s later, banking hard at once: exit.action must command a mode, choose "
+     "a plane that stays in GUIDED loiters 3 s later, banking hard at once: exit.action must command a mode, choose "
      "loiter, rtl, hold"),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("subject", "overrides", "grade", "says"), SAYS)
+@pytest.mark.parametrize(("subject", "overrides", "grade", "says"), SENT_TYPES)
 def test_a_line_has_the_number_its_bound_and_the_remedy(mission, subject, overrides, grade, says):
     line = only(mission, subject, *overrides.split())
-    assert (line.grade, line.says) == (grade, says)
+    assert (line.grade, line.text) == (grade, says)
 
 
 @pytest.mark.parametrize(
@@ -178,9 +178,9 @@ def test_keys_of_an_earlier_version_load_without_effect_and_are_named_in_one_lin
     """Old mission files keep flying, and their owner learns what is used instead."""
     line = only(mission, "keys", "vehicle.loops.max_pitch_deg=11.0", "guidance.gate_sigma=4.0", "limits.hold_s=10.0")
     assert line.grade is WARN
-    assert line.says == (
-        "without effect: vehicle.loops.max_pitch_deg is no longer a key, used is 15 degrees; "
-        "guidance.gate_sigma is no longer a key, used is 5: delete them"
+    assert line.text == (
+        "without effect: vehicle.loops.max_pitch_deg is no longer a key (used instead: 15 degrees); "
+        "guidance.gate_sigma is no longer a key (used instead: 5): delete them"
     )
     assert mission("guidance.gate_sigma=4.0").pilot_settings().estimation.gate == 5.0
 
@@ -197,14 +197,14 @@ def test_a_gain_that_does_not_do_for_the_whole_trim_of_the_radius_is_told(missio
 def test_a_gain_far_below_the_default_hardly_turns(mission):
     """V = 15 m/s and lags of about .4 and .6 s: k near .5/15."""
     line = only(mission, "gain", "guidance.law=feedforward", "guidance.gain=0.002")
-    assert line.grade is WARN and "so small a gain hardly turns" in line.says
+    assert line.grade is WARN and "with this gain the vehicle hardly turns" in line.text
     assert only(mission, "gain", "guidance.law=feedforward", "guidance.gain=0.01").grade is PASS
 
 
 def test_a_switching_law_beyond_the_vehicles_limit_is_told(mission):
     first, second = lines(mission, "turn rate", "guidance.law=switching", "guidance.gain=0.4")
     assert (first.grade, second.grade) == (PASS, WARN)
-    assert "22.92 deg/s" in second.says
+    assert "22.92 deg/s" in second.text
 
 
 def test_a_default_gain_is_lowered_for_a_vehicle_that_turns_late_but_stays_above_the_papers_bound(mission):
@@ -225,22 +225,22 @@ def test_a_bound_beyond_the_farthest_range_is_told(mission, bound, height, told)
 def test_a_px4_is_left_in_no_mode_to_which_it_would_return_by_itself(mission, leaves_it, autopilot, remedy):
     """It is back in OFFBOARD as soon as setpoints resume. With "auto", it may be a PX4 that is heard."""
     line = only(mission, "exit", f"vehicle.autopilot={autopilot}", leaves_it)
-    assert line.grade is FAIL and line.says.endswith(remedy)
+    assert line.grade is FAIL and line.text.endswith(remedy)
 
 
 @pytest.mark.parametrize("estimator", ["drift", "unicycle"])
 def test_a_copter_cannot_be_engaged_on_an_estimator_that_must_see_it_move_first(mission, estimator):
     line = only(mission, "estimator", f"guidance.estimator={estimator}")
-    assert line.grade is FAIL and 'guidance.estimator = "auto"' in line.says
+    assert line.grade is FAIL and 'guidance.estimator = "auto"' in line.text
 
 
 def test_the_settling_time_is_that_of_the_shortest_tangent_and_is_not_promised_for_a_law(mission):
     """500 m from a circle of 100 m at the worst heading, the Dubins path to the tangent point takes 42.1 s. Feedforward
     closes in at 0.55 V at most, which takes it 400/8.25 = 48 s for the straight way alone."""
     line = only(mission, "settling", "guidance.law=feedforward")
-    assert float(re.search(r"about (\d+) s", line.says)[1]) == pytest.approx(42.1, abs=1.5)
-    assert "at most" not in line.says
-    assert "laws on range alone may take twice as long" in line.says
+    assert float(re.search(r"about (\d+) s", line.text)[1]) == pytest.approx(42.1, abs=1.5)
+    assert "at most" not in line.text
+    assert "laws on range alone may take twice as long" in line.text
 
 
 TIGHT = ("guidance.law=auto", *PLANE, "vehicle.turn_lag_s=0.5", "vehicle.max_turn_rate_deg_s=60.0")
@@ -251,7 +251,7 @@ def test_a_circle_on_which_the_loop_has_too_little_margin_warns_and_names_one_th
     """60 m at 15 m/s swung in 5 m/s of wind on firmware, where the geometry allows 5.6 m/s."""
     line = only(mission, "margin", *TIGHT, f"orbit.radius_m={radius}")
     assert line.grade is grade
-    assert ("a radius of 65 m holds up to 5.0 m/s" in line.says) == (radius == 60)
+    assert ("a radius of 65 m suffices for up to 5.0 m/s" in line.text) == (radius == 60)
 
 
 def test_the_margin_is_of_the_laws_that_are_tuned_by_the_delay(mission):

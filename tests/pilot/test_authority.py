@@ -21,7 +21,7 @@ def commanded(rig: Rig, since: float = -1.0) -> list:
 
 SLOW = "link too slow: round trip {} s (at most 0.6 s, 1.2 times limits.stale_s)"
 ON_GROUND, UNTOLD = "the vehicle is on the ground", "the vehicle has not reported that it flies"
-NOT_ARMED, MEASURING = "the vehicle is not armed", "measuring the round trip to the vehicle (TIMESYNC)"
+NOT_ARMED, MEASURING = "the vehicle is not armed", "measuring the round-trip time of the link (TIMESYNC)"
 
 
 @pytest.mark.parametrize("mode", [LOITER, 20, 0])
@@ -77,7 +77,7 @@ def test_streams_that_the_vehicle_denies_are_asked_for_once_and_named_when_the_f
     since = rig.run(5.0, denies, ranges=False).now
     assert rig.run(15.0, denies).commands(SET_INTERVAL, since) == []
     rig.run(3.0)
-    assert rig.pilot.mission.outcome.ending is Ending.NOTHING_HEARD
+    assert rig.pilot.mission.outcome.ending is Ending.NOTHING_RECEIVED
     assert "streams denied by the vehicle" in rig.pilot.mission.outcome.reason
     assert "VFR_HUD" in rig.pilot.mission.outcome.reason
     assert rig.setpoints() == []
@@ -138,7 +138,7 @@ def test_an_interrupt_sends_no_setpoint_to_a_vehicle_that_was_not_engaged(output
     rig = Rig(output_mode=output_mode).run(5.0, mode=mode)
     rig.pilot.interrupt(rig.now, "SIGINT")
     assert rig.run(1.0).pilot.done
-    assert rig.setpoints() == [] and rig.pilot.last_words(rig.now) == b""
+    assert rig.setpoints() == [] and rig.pilot.last_frames(rig.now) == b""
 
 
 # --- the mission's own bounds, and another companion ---
@@ -201,5 +201,5 @@ def test_a_bound_whose_value_is_not_reported_keeps_the_flight_from_beginning_and
     assert f"circnav: {needs}" not in rig.texts()
     assert f"circnav: {needs}" in rig.run(6.0, lambda: unknown and rig.hear(unknown)).texts()
     assert rig.pilot.mission.phase is Phase.ENGAGED
-    assert rig.pilot.conditions.alarms["bound_not_watched"].startswith(f"BOUND NOT WATCHED: {needs}")
-    assert "circnav: bounds watched again" in rig.run(1.0, lambda: rig.hear(told)).texts()
+    assert rig.pilot.conditions.alarms["bound_not_watched"].startswith(f"BOUND NOT CHECKED: {needs}")
+    assert "circnav: bounds checked again" in rig.run(1.0, lambda: rig.hear(told)).texts()

@@ -29,7 +29,7 @@ def test_each_condition_is_sent_or_shown_fits_one_statustext_and_is_documented(r
     title = " ".join(takewhile(str.isupper, row.long.partition(":")[0].split()))
     assert row.short or row.long
     assert len(row.over) <= 41 and len(row.short.partition("{")[0]) <= 41
-    assert title in TROUBLESHOOTING or row.name == "yielded"
+    assert title in TROUBLESHOOTING
 
 
 def test_the_table_is_read_by_display_and_statustext_from_begin_to_end(rig):
@@ -45,5 +45,5 @@ def test_a_condition_of_steering_ends_without_a_text_if_the_operator_takes_the_v
     rig = Rig(end_on_takeover=False).engage()
     rig.run(2.0, ranges=False).run(1.0, mode=LOITER, ranges=False)
     assert rig.pilot.mission.phase is Phase.YIELDED
-    assert list(rig.pilot.conditions.alarms) == ["yielded", "range_stale"]
+    assert list(rig.pilot.conditions.alarms) == ["range_stale"]
     assert texts(rig)[-2:] == ["range lost, holding", "taken over, GUIDED left for LOITER"]

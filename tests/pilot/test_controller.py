@@ -15,7 +15,7 @@ from tests.small_mission import TEXT
 
 COMMANDED = TurnRate(-0.2)
 STEP = 0.05
-SPEED_UP, DEAF, GAP = 2.5, 1.0, 1.0
+SPEED_UP, UNRESPONSIVE_BELOW, GAP = 2.5, 1.0, 1.0
 """Times, s: of turning as commanded until it counts as fast, of not doing so until it counts as deaf, and between two
 reports after which it may have stopped."""
 
@@ -51,7 +51,12 @@ class Vehicle:
     ("before", "silence", "earliest", "latest"),
     [
         ([], 0.0, SPEED_UP - STEP, SPEED_UP + 2 * STEP),
-        ([(10.0, COMMANDED), (DEAF + 3.0, 0.0)], 0.0, SPEED_UP, 9.0),  # it must first be seen to follow again
+        (
+            [(10.0, COMMANDED), (UNRESPONSIVE_BELOW + 3.0, 0.0)],
+            0.0,
+            SPEED_UP,
+            9.0,
+        ),  # it must first be seen to follow again
         ([(10.0, COMMANDED)], GAP + 0.1, SPEED_UP - 2 * STEP, SPEED_UP + 2 * STEP),
     ],
     ids=["at first", "after it was deaf", "after a gap in its reports, in which it may have stopped"],
@@ -73,7 +78,7 @@ def test_a_moment_of_not_following_costs_no_more_than_the_moment():
     vehicle.turns(30.0, COMMANDED)
     assert all([*vehicle.turns(1.3, 0.0), *vehicle.turns(10.0, COMMANDED)])
     seen = [*vehicle.turns(1.8, 0.0), *vehicle.turns(3.0, COMMANDED)]
-    assert 0.1 < seen.count(False) * STEP < DEAF
+    assert 0.1 < seen.count(False) * STEP < UNRESPONSIVE_BELOW
     assert seen[-1]
 
 

@@ -55,7 +55,7 @@ def test_a_refused_mode_ends_the_mission_with_the_vehicles_own_words():
     rig.acknowledge(SET_MODE, result=4)
     assert rig.run(0.5).pilot.mission.outcome.ending is Ending.ABORTED
     assert rig.pilot.mission.outcome.reason == (
-        'mode GUIDED refused: failed, the vehicle says "Mode change failed: requires position"'
+        'mode GUIDED refused: failed, the vehicle reports "Mode change failed: requires position"'
     )
     assert rig.setpoints() == []
 
@@ -224,24 +224,24 @@ def test_an_exit_action_that_a_stall_cut_off_is_asked_for_again_as_soon_as_the_m
 # --- last words ---
 
 
-def last_words(rig: Rig) -> list:
-    return decode(rig.pilot.last_words(rig.now))
+def last_frames(rig: Rig) -> list:
+    return decode(rig.pilot.last_frames(rig.now))
 
 
 @pytest.mark.parametrize("exit", ["stop", "rtl"])
 @pytest.mark.parametrize("waits", [False, True], ids=["in flight", "while the mission waits to go on"])
 def test_the_last_words_are_one_safe_setpoint_and_the_exit_action_while_it_is_ours_to_fly(waits, exit):
     rig = Rig(exit=exit, end_on_takeover=False)
-    assert last_words(rig.run(0.3)) == []
+    assert last_frames(rig.run(0.3)) == []
     rig.engage()
     if waits:
         rig.run(5.0, speaks=False, ranges=False).run(1.0, speaks=True)
         assert rig.pilot.mission.phase is Phase.WAIT_RANGING
-    safe, *commands = last_words(rig)
+    safe, *commands = last_frames(rig)
     assert (safe.vx, safe.yaw_rate, safe.type_mask) == (0.0, 0.0, 0x407)
     asks = [(command.command, command.param2) for command in commands]
     assert asks == ([] if exit == "stop" else [(SET_MODE, RTL)])
-    assert last_words(rig.run(1.0, mode=LOITER)) == []
+    assert last_frames(rig.run(1.0, mode=LOITER)) == []
 
 
 @pytest.mark.parametrize(
@@ -253,5 +253,5 @@ def test_the_last_words_ask_for_no_mode_when_the_vehicle_may_be_in_other_hands(p
     rig = Rig(exit="rtl").engage()
     passes(rig)
     assert rig.pilot.mission.phase is Phase.ENGAGED
-    (safe,) = last_words(rig)
+    (safe,) = last_frames(rig)
     assert safe.vx == 0.0

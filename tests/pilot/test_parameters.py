@@ -81,9 +81,9 @@ def test_direction_and_law_are_set_by_their_numbers(flying):
         (setting("CN_SPEED", 30.0), "CN_SPEED not set: speed 30 m/s outside 12 to 18 m/s"),
         (setting("CN_HEIGHT", -1.0), "CN_HEIGHT not set: -1 m is below 0: give the height above the target"),
         (setting("CN_LAW", 8.0), "CN_LAW not set: law auto needs estimator auto, the mission has kalman"),
-        (setting("CN_LAW", 0.5), "CN_LAW not set: 0.5 is no law: 0 smooth, 1 switching"),
+        (setting("CN_LAW", 0.5), "CN_LAW not set: 0.5 is not a law: 0 smooth, 1 switching"),
         (setting("CN_HOLD", 1e9), "CN_HOLD not set: 1e+09 s outside 0 to 600 s"),
-        (setting("CN_EXIT", 99.0), "CN_EXIT not set: 99 is no exit action: 0 to 6"),
+        (setting("CN_EXIT", 99.0), "CN_EXIT not set: 99 is not an exit action: 0 to 6"),
     ],
 )
 def test_a_value_that_cannot_be_flown_is_refused_with_the_reason_and_the_old_one_answered(flying, message, reason):

@@ -71,17 +71,17 @@ def test_every_step_that_acted_leaves_one_record(rig):
 def test_a_vehicle_that_does_not_turn_as_told_teaches_the_estimator_no_motion(rig):
     """A copter that no longer hears us stands still: at the speed it was told, it would be somewhere else."""
     rig.engage()
-    heard, heading = [], [0.0]
-    rig.pilot.tracker.estimator.move = heard.append
+    received, heading = [], [0.0]
+    rig.pilot.tracker.estimator.move = received.append
 
     def tells_heading(turns):
         heading[0] += 0.05 * rig.setpoints()[-1].yaw_rate if turns else 0.0
         rig.hear(attitude(round(1000 * rig.now), heading[0]))
 
     for turns in (True, False):
-        heard.clear()
+        received.clear()
         rig.run(10.0, lambda turns=turns: tells_heading(turns))
-        assert len([own for own in heard if own.time > rig.now - 5.0]) == (99 if turns else 0)
+        assert len([own for own in received if own.time > rig.now - 5.0]) == (99 if turns else 0)
 
 
 def test_a_setpoint_is_sent_alone_and_everything_else_that_is_due_is_sent_after_it(rig):
@@ -140,7 +140,7 @@ def test_the_first_setpoint_waits_for_five_ranges(rig):
 def test_the_first_setpoint_waits_for_a_second_of_ranges_in_which_another_source_would_show(rig):
     rig.run(1.0, ranges=False)
     assert rig.run(1.0, ranges=True).setpoints() == []
-    assert rig.pilot.status.waits_for(rig.now) == "listening for a second range source"
+    assert rig.pilot.status.waits_for(rig.now) == "checking for a second range source"
     assert rig.run(0.2).setpoints()
 
 
@@ -204,7 +204,7 @@ def test_a_false_report_of_the_setpoint_flown_changes_no_setpoint_and_is_alarmed
     report = mavlink.MAVLink_position_target_local_ned_message(1, 8, 0x407, 1, 2, 3, 4, 5, 6, 7, 8, 9, 1, 1)
     lied_to.run(5.0, lambda: lied_to.hear(report))
     assert list(map(str, lied_to.setpoints())) == list(map(str, honest.setpoints()))
-    assert "circnav: another program steers, too" in lied_to.texts()
+    assert "circnav: another program also steers" in lied_to.texts()
 
 
 def test_without_fresh_ranges_the_prediction_is_flown_for_half_a_second_and_then_the_steady_turn(rig):
@@ -249,7 +249,7 @@ def fails(rig):
         (holds, Ending.ABORTED, "no range for 10"),
         (lambda rig: rig.run(rig.pilot.mission.engaged_at + 14.8 - rig.now), Ending.COMPLETED, "flown to its end"),
         (lambda rig: rig.pilot.interrupt(rig.now, "SIGINT"), Ending.INTERRUPTED, "SIGINT"),
-        (fails, Ending.ABORTED, "internal error, unsafe setpoint held back"),
+        (fails, Ending.ABORTED, "internal error, unsafe setpoint not sent"),
     ],
     ids=["holding is given up", "its time is over", "an interrupt", "a law that fails"],
 )
@@ -309,8 +309,8 @@ def test_the_safe_setpoints_of_the_end_begin_at_once_and_are_a_tick_apart_howeve
 
 
 JUNK = (
-    "no vehicle: no autopilot heartbeat, heard 4 bytes, 0 frames, 1 CRC or framing errors, system/component ids: none, "
-    "MAVLink version: none"
+    "no vehicle: no autopilot heartbeat, received 4 bytes, 0 frames, 1 CRC or framing errors, system/component ids: "
+    "none, MAVLink version: none"
 )
 MISFIT = "no vehicle: system 1 is px4 quadrotor, the mission is for ardupilot copter"
 
@@ -328,6 +328,6 @@ def test_a_mission_that_waits_in_vain_ends_and_says_what_was_heard(limit, hears,
     rig = Rig(timing=timing(**{limit: 2.0}))
     rig.pilot.receive(hears, rig.now, rig.source)
     outcome = rig.run(3.0, **state).pilot.mission.outcome
-    assert outcome.ending is Ending.NOTHING_HEARD
+    assert outcome.ending is Ending.NOTHING_RECEIVED
     assert outcome.reason.startswith(begins) and outcome.reason.endswith(ends)
-    assert bool(" no_range; heard " in outcome.reason) is (limit == "wait_ranging")
+    assert bool(" no_range; received " in outcome.reason) is (limit == "wait_ranging")

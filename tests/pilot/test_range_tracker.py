@@ -22,7 +22,7 @@ def ranging(**changes):
 
 
 def test_a_radio_of_the_missions_component_on_another_vehicle_is_not_ours():
-    rig, heard = Rig(ranging=ranging(component_id=192)), []
+    rig, received = Rig(ranging=ranging(component_id=192)), []
     ours, theirs, their_vehicle = Voice(1, 192), Voice(2, 192), Voice(2, 1)
     rig.run(0.5, ranges=False)
 
@@ -30,11 +30,11 @@ def test_a_radio_of_the_missions_component_on_another_vehicle_is_not_ours():
         rig.hear(heartbeat(GUIDED), voice=their_vehicle)
         rig.range(4000, voice=theirs)
         rig.range(15000, voice=ours)
-        heard.append(rig.pilot.tracker.newest)
+        received.append(rig.pilot.tracker.newest)
 
     rig.run(5.0, both_radios)
-    assert {sample.r for sample in heard if sample and sample.time > 2.0} <= {150.0, 150.01}
-    assert heard[-1].time > rig.now - 0.2
+    assert {sample.r for sample in received if sample and sample.time > 2.0} <= {150.0, 150.01}
+    assert received[-1].time > rig.now - 0.2
 
 
 def test_a_radio_that_takes_the_place_of_another_before_the_flight_has_a_clock_of_its_own(rig):
@@ -147,7 +147,7 @@ def test_of_two_sensors_none_steers_until_the_mission_names_one(equal_stamps, ot
     """As `init` writes a mission, it names neither. What is said has the ids, the ranges and the key."""
     rig = Rig(ranging=ranging(**ANY), timing=timing(wait_ranging=10.0))
     rig.run(8.0, two(rig, equal_stamps=equal_stamps, **other), ranges=False)
-    said = NOT_ENGAGED.format(other.get("orientation", 24)) + f"name yours with {keys}"
+    said = NOT_ENGAGED.format(other.get("orientation", 24)) + f"select yours by {keys}"
     assert rig.pilot.status.waits_for(rig.now) == said
     assert rig.setpoints() == []
     assert "circnav: 2 range sources: set ranging.sensor_id" in rig.texts()
@@ -192,7 +192,7 @@ def test_a_name_that_nobody_sends_is_told_with_those_that_are_sent():
     values = [mavlink.MAVLink_named_value_float_message(0, name, 30.0) for name in (b"UWB1", b"UWB2")]
     rig.run(3.0, lambda: [rig.hear(value) for value in values], ranges=False)
     waits = rig.pilot.status.waits_for(rig.now)
-    assert "received: 1/1 name UWB1 (30.0 m), 1/1 name UWB2 (30.0 m), which the mission does not pick" in waits
+    assert "received: 1/1 name UWB1 (30.0 m), 1/1 name UWB2 (30.0 m), which the mission does not select" in waits
     assert "compare ranging.name" in waits
 
 

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mav.codec import Decoder
 from circnav_mav.runtime.onlookers import Onlookers
-from circnav_mav.runtime.status import Watch
+from circnav_mav.runtime.status import StatusSource
 from tests.flight.lockstep import Flight, flight
 from tests.rig import LOITER, MISSION, Rig
 
@@ -35,7 +35,7 @@ def test_a_drift_that_the_circle_does_not_allow_is_said_once_and_shown():
     (said,) = (text for text in texts if "allows" in text)
     assert said.startswith(("circnav: drift 6.", "circnav: drift 5."))
     assert said.endswith("m/s, this circle allows 2.7")
-    alarms = Watch(flown.pilot, Onlookers()).status(flown.ticks[-1], 30.0).alarms
+    alarms = StatusSource(flown.pilot, Onlookers()).status(flown.ticks[-1], 30.0).alarms
     assert [alarm.split(":")[0] for alarm in alarms] == ["DRIFT TOO STRONG"]
 
 
@@ -48,7 +48,7 @@ def test_an_alarm_is_said_once_as_a_warning_and_its_end_as_news(rig):
     said = [(text.severity, text.text.removeprefix("circnav: ")) for text in rig.of("STATUSTEXT", since)]
     said.remove((4, "no attitude"))  # which the bench does not send
     taken = "taken over, GUIDED left for LOITER"
-    ended = f"ended, {taken}: operator or failsafe"
+    ended = "ended, pilot or failsafe switched to LOITER after"
     assert said[:4] == [(4, "link silent"), (5, "link restored"), (4, taken), (5, ended[:41])]
 
 

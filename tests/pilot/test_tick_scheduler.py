@@ -17,14 +17,14 @@ def stepped(hz: float, jitter: float = 0.0, seconds: float = 20.0, lost: float =
     ticks, chance, now = TickScheduler(TICK), random.Random(4), 0.0
     times = [round(n / hz + chance.uniform(0.0, jitter), 6) for n in range(round(seconds * hz))]
     ranges = [time for time in times if chance.random() >= lost]
-    heard, steps = len(ranges), []
+    received, steps = len(ranges), []
     while now < seconds:
         now = round(max(min([ticks.due, *ranges[:1]]), 0.0), 6)
         if ranges and ranges[0] <= now:
-            ticks.heard(ranges.pop(0))
+            ticks.received(ranges.pop(0))
         ticks.stepped(now)
         steps.append(now)
-    return steps, heard
+    return steps, received
 
 
 def gaps(steps: list[float]) -> list[float]:
@@ -41,8 +41,8 @@ def test_no_tick_comes_just_before_a_range_and_no_gap_is_long(hz: float, jitter:
 
 
 def test_every_range_is_answered_even_where_they_are_faster_than_ticks() -> None:
-    steps, heard = stepped(100.0)
-    assert len(steps) == pytest.approx(heard, abs=3)
+    steps, received = stepped(100.0)
+    assert len(steps) == pytest.approx(received, abs=3)
 
 
 def test_a_range_that_does_not_come_is_not_waited_for_twice() -> None:

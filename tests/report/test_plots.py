@@ -101,9 +101,9 @@ def test_without_truth_the_track_is_the_estimated_one_from_where_it_was_first_be
     track, *others = drawn(plot_flight, ticks, None, ORBIT).axes
     assert len(others) == 3
     lines = {line.get_label(): line for line in track.lines}
-    assert list(lines) == ["desired", "flown (estimate)", "first believed", "target"]
-    assert lines["first believed"].get_xydata()[0] == pytest.approx([100, 0])
-    assert lines["first believed"].get_markerfacecolor() == "none"
+    assert list(lines) == ["desired", "flown (estimate)", "first estimate", "target"]
+    assert lines["first estimate"].get_xydata()[0] == pytest.approx([100, 0])
+    assert lines["first estimate"].get_markerfacecolor() == "none"
     assert np.nanmax(lines["flown (estimate)"].get_ydata()) == pytest.approx(100)
     assert len(track.texts) > 1, "arrows"
 

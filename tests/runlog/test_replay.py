@@ -25,7 +25,7 @@ PLAIN = ('guidance.law="smooth"', 'guidance.estimator="kalman"')
 
 def settings_of(folder, *overrides):
     run = open_run(folder)
-    return parse_mission(run.mission_text, "mission.toml", overrides).pilot_settings(OutputMode(run.voice))
+    return parse_mission(run.mission_text, "mission.toml", overrides).pilot_settings(OutputMode(run.output_mode))
 
 
 def replayed(folder, *overrides):
@@ -110,7 +110,7 @@ def test_another_law_commands_other_turns_from_the_same_estimates(flown):
 def test_a_log_that_was_cut_off_is_replayed_up_to_there(flown, tmp_path, kept):
     for path in flown.iterdir():
         data = path.read_bytes()
-        cut = kept if path.name in ("flight.tlog", "turns.csv") else 1
+        cut = kept if path.name in ("flight.tlog", "steps.csv") else 1
         (tmp_path / path.name).write_bytes(data[: int(cut * len(data))])
     _, done = replayed(tmp_path)
     assert done.identical
@@ -165,7 +165,7 @@ HOUR, YEAR = 3600, 31_536_000
 
 
 @pytest.mark.parametrize(
-    ("stamp", "seconds", "steps", "lone", "says"),
+    ("stamp", "seconds", "steps", "single", "says"),
     [
         (lambda at, us: us, 21, [], 0, ""),
         (lambda at, us: us + (1800e6 if at >= 1000 else 0), 1821, [], 0, ""),
@@ -177,7 +177,7 @@ HOUR, YEAR = 3600, 31_536_000
         (lambda at, us: us - (EPOCH_US if at < 1000 else 0), 21, [EPOCH_US / 1e6], 0, "steps 1 time"),
         (lambda at, us: 0 if at < 1000 else us, 13.4, [EPOCH_US / 1e6], 0, "steps 1 time"),
         (lambda at, us: us - (at // 500 * HOUR * 1e6), 21, None, 0, "times, at most by -3600.0 s"),
-        (lambda at, us: us + (YEAR * 1e6 if at == 1000 else 0), 21, [], 1, "1 lone stamp is off by +31536000.0 s"),
+        (lambda at, us: us + (YEAR * 1e6 if at == 1000 else 0), 21, [], 1, "1 single timestamp is off by +31536000"),
         (lambda at, us: us - (YEAR * 1e6 if at == 1000 else 0), 21, [], 1, "off by -31536000.0 s"),
         (lambda at, us: us + (HOUR * 5e5 if at == 1000 else 0), 21, [], 1, "off by +1800.0 s"),
     ],
@@ -185,7 +185,7 @@ HOUR, YEAR = 3600, 31_536_000
          "the first ahead", "from 1970", "from 0", "again and again", "one a year ahead", "one a year back",
          "one half an hour ahead"],
 )  # fmt: skip
-def test_a_clock_that_was_set_takes_no_time_and_is_told(flown, tmp_path, stamp, seconds, steps, lone, says):
+def test_a_clock_that_was_set_takes_no_time_and_is_told(flown, tmp_path, stamp, seconds, steps, single, says):
     """The flight with other stamps, stamp(number of the record, us) -> us, in the same time: what is lost is a turn for
     each step, and all that has no time; what disorder may add is 40 ms."""
     records = enumerate(read_tlog(flown / "flight.tlog"))
@@ -196,6 +196,6 @@ def test_a_clock_that_was_set_takes_no_time_and_is_told(flown, tmp_path, stamp, 
     assert times == sorted(times)
     assert times[-1] - times[0] == pytest.approx(seconds, abs=0.6)
     assert says in str(clock) and bool(says) == bool(str(clock))
-    assert len(clock.lone) == lone
+    assert len(clock.single) == single
     if steps is not None:
         assert [size for _, size in clock.steps] == pytest.approx(steps, abs=5.0, rel=1e-4)

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from circnav_mav.runtime.onlookers import Onlookers
-from circnav_mav.runtime.status import Status, Watch
+from circnav_mav.runtime.status import Status, StatusSource
 from tests.flight.lockstep import Flight, flight
 
 EVENTS = {
@@ -27,7 +27,7 @@ def statuses() -> Callable[..., list[Status]]:
     @cache
     def fly(seconds: float, *overrides: str, event: str | None = None, **how: Any) -> list[Status]:
         under_way = flight("quickstart", f"sim.events=[{EVENTS[event]}]", *overrides, **how)
-        found, watch = list[Status](), Watch(under_way.pilot, Onlookers())
+        found, watch = list[Status](), StatusSource(under_way.pilot, Onlookers())
 
         def look(flown: Flight) -> None:
             if flown.ticks and (flown.pilot.done or not found or flown.now - found[-1].time >= 0.25):

@@ -204,7 +204,7 @@ class Metronome:
     """A vehicle that does something every 20 ms, and notes what it is asked."""
 
     def __init__(self):
-        self.time, self.heard = 0.0, []
+        self.time, self.received = 0.0, []
 
     @property
     def next_event(self):
@@ -214,7 +214,7 @@ class Metronome:
         self.time = until
 
     def receive(self, data, link):
-        self.heard.append((link, data))
+        self.received.append((link, data))
 
     def outgoing(self, link):
         return [link.encode()]
@@ -273,8 +273,8 @@ def test_the_links_are_the_vehicles_and_nobody_waits_on_them():
     clock = Lockstep(vehicle)
     assert list(clock.links(ranging_apart=False)) == ["vehicle"]
     links = clock.links(ranging_apart=True)
-    heard = {name: link.receive(0.0) for name, link in links.items()}
-    assert heard == {"vehicle": [(b"main", "sim")], "ranging": [(b"ranging", "sim")]}
+    received = {name: link.receive(0.0) for name, link in links.items()}
+    assert received == {"vehicle": [(b"main", "sim")], "ranging": [(b"ranging", "sim")]}
     links["vehicle"].send(b"go", "sim")
-    assert vehicle.heard == [("main", b"go")]
+    assert vehicle.received == [("main", b"go")]
     assert links["vehicle"].fileno() is None

@@ -10,7 +10,7 @@ from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runtime import display as display_module
 from circnav_mav.runtime.display import Display, LiveScreen, PlainScreen, display_for
 from circnav_mav.runtime.onlookers import Onlookers
-from circnav_mav.runtime.status import Watch
+from circnav_mav.runtime.status import StatusSource
 from tests.flight.lockstep import flight
 from tests.process import PATIENCE
 
@@ -118,9 +118,9 @@ def test_plain_lines_come_once_a_second_and_none_between():
     display.close()
     believed, lines = [], []
     for line in console.export_text().strip().splitlines():
-        (believed if "BELIEVED" in line else lines).append(line)
+        (believed if "TRUSTED" in line else lines).append(line)
     assert flown.pilot.done
-    assert believed == ["  BELIEVED 1/1 at sim, ranges of 1/192"]
+    assert believed == ["  TRUSTED  1/1 at sim, ranges of 1/192"]
     assert len(lines) == 1 + int(flown.now)
     assert "engaged" in lines[5]
     assert "mode GUIDED" in lines[-1]
@@ -143,7 +143,7 @@ def test_plain_output_tells_each_new_alarm_and_what_is_waited_for_once(statuses)
 
 def test_plain_lines_end_with_the_flight_while_a_hand_back_goes_on():
     flown, out = flight("quickstart", "limits.duration_s=2.0").fly(40.0), io.StringIO()
-    screen, watch = PlainScreen(Console(file=out, width=200)), Watch(flown.pilot, Onlookers())
+    screen, watch = PlainScreen(Console(file=out, width=200)), StatusSource(flown.pilot, Onlookers())
     for second in range(30):
         screen.draw(watch.status(flown.ticks[-1], flown.now + second))
     assert flown.pilot.done

@@ -71,7 +71,7 @@ def refusal(text):
         open_link(text)
     words = str(caught.value)
     assert words.startswith(f"endpoint {text}: ")
-    return words.removeprefix(f"endpoint {text}: "), caught.value.nobody
+    return words.removeprefix(f"endpoint {text}: "), caught.value.no_peer
 
 
 def test_a_serial_device_that_is_not_there_is_refused_and_one_without_the_package_for_it_says_what_to_install(
@@ -81,7 +81,7 @@ def test_a_serial_device_that_is_not_there_is_refused_and_one_without_the_packag
     assert refusal("serial:/dev/nothing-here:57600") == ("no such device", False)
     for module in (None, ModuleType("serial")):  # none, or another package of that name
         monkeypatch.setitem(sys.modules, "serial", module)
-        line = "needs the package pyserial, not serial: pip install pyserial"
+        line = "needs the package pyserial (not serial): pip install pyserial"
         assert refusal("serial:/dev/ttyUSB0:57600")[0] == line
 
 
@@ -90,13 +90,13 @@ def test_a_host_that_can_be_no_name_or_that_nobody_knows_is_refused(kind, monkey
     """An empty label, or one beyond 63 letters: the resolver is not even asked. Else, without asking a name server, the
     resolver's own error."""
     for host in ("192.168..1", ".localhost", 70 * "a"):
-        assert refusal(f"{kind}:{host}:14550") == ("host name is not known", False)
+        assert refusal(f"{kind}:{host}:14550") == ("unknown host name", False)
 
     def unknown(*_arguments, **_keywords):
         raise socket.gaierror(socket.EAI_NONAME, "Name or service not known")
 
     monkeypatch.setattr(socket, "getaddrinfo", unknown)
-    assert refusal(f"{kind}:no.such.host.invalid:14550") == ("host name is not known", kind == "tcp")
+    assert refusal(f"{kind}:no.such.host.invalid:14550") == ("unknown host name", kind == "tcp")
 
 
 def test_a_port_in_use_and_an_address_that_is_not_ours_are_refused_and_a_server_that_is_not_there_is_nobody(port):
@@ -105,4 +105,4 @@ def test_a_port_in_use_and_an_address_that_is_not_ours_are_refused_and_a_server_
         in_use = "port is in use by another program: close it, or choose another port"
         assert refusal(f"udpin:127.0.0.1:{port}") == (in_use, False)
     assert refusal("udpin:192.0.2.1:14550") == ("cannot assign requested address", False)
-    assert refusal(f"tcp:127.0.0.1:{port}") == ("nobody listens there (connection refused)", True)
+    assert refusal(f"tcp:127.0.0.1:{port}") == ("connection refused: no program listens at this address", True)

@@ -47,12 +47,12 @@ def test_a_key_is_32_bytes_or_64_hex_digits(path: Path, data: bytes) -> None:
     ("data", "mode", "told", "remedy"),
     [
         (b"", 0o600, "holds a key of 0 bytes, not 32", "sha256sum"),
-        (b"a pass phrase of 32 characters..", 0o600, "holds text that is no key", "sha256sum"),
+        (b"a pass phrase of 32 characters..", 0o600, "is not a key", "sha256sum"),
         (KEY.hex().encode()[:-2], 0o600, "holds a key of 31 bytes, not 32", "sha256sum"),
         (KEY + KEY[:8], 0o600, "holds a key of 40 bytes, not 32", "sha256sum"),
         (bytes(32), 0o600, "is all zeros", "sha256sum"),
         (b"0" * 64, 0o600, "is all zeros", "sha256sum"),
-        *((KEY, mode, "others can read this key ", ": chmod 600 {path}") for mode in (0o640, 0o604, 0o620, 0o777)),
+        *((KEY, mode, "other users can read this key ", ": chmod 600 {path}") for mode in (0o640, 0o604, 0o620, 0o777)),
     ],
 )
 def test_what_is_no_key_or_nobodys_alone_is_refused_in_one_line_with_the_remedy(path, data, mode, told, remedy):
@@ -85,7 +85,7 @@ class Flight:
 
     def turn(self, seconds: float) -> None:
         self.seconds = seconds
-        self.kept.turn()
+        self.kept.advance()
 
     @property
     def signed(self) -> float:

@@ -17,14 +17,14 @@ from tests.process import PATIENCE
 UDP = (socket.AF_INET, socket.SOCK_DGRAM)
 
 
-def heard(link, now=0.0):
+def received(link, now=0.0):
     """What comes in once the link's descriptor has something, with its source."""
     select.select([link.fileno()], [], [], PATIENCE)
     return link.receive(now)
 
 
 def receive(link, now=0.0):
-    return [data for data, _ in heard(link, now)]
+    return [data for data, _ in received(link, now)]
 
 
 def portions(link):
@@ -88,7 +88,7 @@ def test_udp_carries_bytes_both_ways_once_it_is_known_to_whom(request, host):
     there = opened(request, f"udpout:{host}:{link.port}")
     link.send(b"nobody", None)
     there.send(b"one", None)
-    ((data, source),) = heard(link)
+    ((data, source),) = received(link)
     link.send(b"answer", source)
     assert (data, source[1]) == (b"one", there.port)
     assert receive(there) == [b"answer"]
@@ -116,7 +116,7 @@ def test_what_waits_in_a_flooded_socket_is_not_old(udp, udpin):
 
 
 @pytest.mark.parametrize(
-    ("host", "peers", "heard"),
+    ("host", "peers", "received"),
     [
         ("127.0.0.1", ["127.0.0.1"], True),
         ("127.0.0.1", ["10.0.0.5", "127.0.0.0/8"], True),
@@ -126,12 +126,12 @@ def test_what_waits_in_a_flooded_socket_is_not_old(udp, udpin):
         ("[::]", ["127.0.0.1"], True),  # IPv4 on a socket of both
     ],
 )
-def test_udpin_hears_the_addresses_that_the_mission_names_and_no_other(host, peers, heard):
+def test_udpin_hears_the_addresses_that_the_mission_names_and_no_other(host, peers, received):
     family, to = (socket.AF_INET6, "::1") if host == "[::1]" else (socket.AF_INET, "127.0.0.1")
     with closing(open_link(f"udpin:{host}:0", peers)) as link, closing(socket.socket(family, UDP[1])) as other:
         other.sendto(b"hello", (to, link.port))
-        assert receive(link) == [b"hello"] * heard
-        assert list(link.troubles) == ([] if heard else [f"ignored: sent by {host}:{other.getsockname()[1]}"])
+        assert receive(link) == [b"hello"] * received
+        assert list(link.troubles) == ([] if received else [f"ignored: from {host}:{other.getsockname()[1]}"])
 
 
 def test_udpout_speaks_to_its_own_address_only_and_hears_no_other(udp, udpout):
@@ -147,7 +147,7 @@ def test_udpout_speaks_to_its_own_address_only_and_hears_no_other(udp, udpout):
         udp.sendto(b"ours", ("127.0.0.1", udpout.port))
         assert receive(udpout) == []
         assert udpout.receive(0.0) == [(b"ours", udp.getsockname())]
-        assert udpout.troubles == {f"ignored: sent by 127.0.0.1:{other.getsockname()[1]}": MOST_DATAGRAMS}
+        assert udpout.troubles == {f"ignored: from 127.0.0.1:{other.getsockname()[1]}": MOST_DATAGRAMS}
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "127.0.1.1", "localhost"])
@@ -204,7 +204,7 @@ def test_tcp_carries_bytes_both_ways_and_may_be_closed_twice(request, host):
         link = opened(request, f"tcp:{host}:{server.getsockname()[1]}")
         with closing(server.accept()[0]) as there:
             there.sendall(b"hello")
-            assert heard(link) == [(b"hello", server.getsockname())]
+            assert received(link) == [(b"hello", server.getsockname())]
             link.send(b"answer", server.getsockname())
             assert there.recv(100) == b"answer"
             assert link.receive(0.0) == []
@@ -305,7 +305,7 @@ def serial(request, line):
 
 def test_a_serial_line_carries_bytes_both_ways(line, serial):
     os.write(line.master, b"\xfd\x00hello")
-    assert heard(serial) == [(b"\xfd\x00hello", str(line.name))]
+    assert received(serial) == [(b"\xfd\x00hello", str(line.name))]
     serial.send(b"\x00answer\n", None)
     assert os.read(line.master, 100) == b"\x00answer\n"
     assert serial.receive(0.0) == []

@@ -46,7 +46,7 @@ def recorder(tmp_path):
 def test_the_tlog_is_read_back_by_pymavlinks_own_reader(recorder):
     """Frame by frame, with the moment of each; and the mission beside it, as flown."""
     for i, frame in enumerate(frames(40)):
-        recorder.step(LoopStep(0.05 * i, said=[frame]))
+        recorder.step(LoopStep(0.05 * i, sent=[frame]))
     recorder.close()
     log = mavutil.mavlink_connection(str(recorder.folder / "flight.tlog"), dialect="all")
     back = []
@@ -75,12 +75,12 @@ def test_every_tick_is_a_line_and_every_field_a_column(recorder):
 
 def test_what_is_written_is_on_the_disk_at_once(recorder):
     """Whatever happens to the process."""
-    recorder.step(LoopStep(0.5, said=frames(30)))
+    recorder.step(LoopStep(0.5, sent=frames(30)))
     recorder.ticks([tick()])
     end = time.monotonic() + 3.0
     while "engaged" not in (recorder.folder / "ticks.csv").read_text():
         assert time.monotonic() < end
-    sizes = [(recorder.folder / name).read_bytes().count(b"\n") for name in ("turns.csv", "ticks.csv")]
+    sizes = [(recorder.folder / name).read_bytes().count(b"\n") for name in ("steps.csv", "ticks.csv")]
     assert sizes == [2, 2]
     assert (recorder.folder / "flight.tlog").stat().st_size == sum(8 + len(frame) for frame in frames(30))
 
@@ -111,12 +111,12 @@ def test_a_folder_that_cannot_be_written_is_told_in_one_line(tmp_path, place, wh
     assert str(caught.value) == f"{folder}: cannot be written: {why}"
 
 
-@pytest.mark.parametrize(("file", "mode"), [("_tlog", "wb"), ("_ticks", "w"), ("_turns", "w")])
+@pytest.mark.parametrize(("file", "mode"), [("_tlog", "wb"), ("_ticks", "w"), ("_steps", "w")])
 def test_a_disk_that_fills_up_in_flight_is_noted_and_the_flight_goes_on(recorder, file, mode):
     """/dev/full: every write fails with "no space left on device"."""
     setattr(recorder, file, Path("/dev/full").open(mode))  # noqa: SIM115
     for i in range(200):
-        recorder.step(LoopStep(0.05 * i, said=frames(5)))
+        recorder.step(LoopStep(0.05 * i, sent=frames(5)))
         recorder.ticks([tick()])
     recorder.close()
     assert recorder.problem == f"{recorder.folder}: recording stopped: No space left on device"
@@ -125,13 +125,15 @@ def test_a_disk_that_fills_up_in_flight_is_noted_and_the_flight_goes_on(recorder
 def test_a_bounded_run_folder_keeps_its_bound_and_the_ticks_outlast_the_frames(recorder):
     folder = recorder.folder
     for i in range(1500):
-        recorder.step(LoopStep(0.05 * i, heard=[("vehicle", "a", frames(2))], said=frames(1)))
+        recorder.step(LoopStep(0.05 * i, received=[("vehicle", "a", frames(2))], sent=frames(1)))
         recorder.ticks([tick(time=0.05 * i)])
     recorder.close()
-    sizes = {name: (folder / name).stat().st_size for name in ("flight.tlog", "turns.csv", "ticks.csv")}
+    sizes = {name: (folder / name).stat().st_size for name in ("flight.tlog", "steps.csv", "ticks.csv")}
     assert 0.095e6 < sum(sizes.values()) < 0.1e6 + 1000
     steps, ticks = list(recorded_steps(folder)), read_ticks(folder)
-    assert sizes["flight.tlog"] == sum(8 + len(frame) for step in steps for frame in (*step.said, *step.frames_heard))
+    assert sizes["flight.tlog"] == sum(
+        8 + len(frame) for step in steps for frame in (*step.sent, *step.received_frames)
+    )
     assert steps[-1].time < ticks.time[-1] < 74
     assert recorder.problem == (
         f"{folder}: frames are recorded up to {steps[-1].time + 0.05:.0f} s: log.max_mb = 0.1 is reached"
@@ -153,8 +155,8 @@ def test_a_flood_of_senders_does_not_fill_the_memory_and_closing_without_a_start
 ):
     Recorder(tmp_path, "").close()
     for i in range(3000):
-        recorder.step(LoopStep(0.001 * i, heard=[("vehicle", ("10.0.0.1", i), [])]))
+        recorder.step(LoopStep(0.001 * i, received=[("vehicle", ("10.0.0.1", i), [])]))
     recorder.close()
-    numbers = {row.split(",")[1] for row in (recorder.folder / "turns.csv").read_text().splitlines()[1:]}
+    numbers = {row.split(",")[1] for row in (recorder.folder / "steps.csv").read_text().splitlines()[1:]}
     assert len(recorder._sources) == 1000
     assert len(numbers) == 1001

@@ -63,14 +63,14 @@ class FakePilot:
 
     def __init__(self, steps=5):
         self.left, self.mission = steps, Mock(outcome=None)
-        self.heard, self.interrupts = [], []
+        self.received, self.interrupts = [], []
 
     @property
     def done(self):
         return self.left <= 0
 
     def receive(self, data, now, source, link):
-        self.heard.append((data, source, link))
+        self.received.append((data, source, link))
 
     def decide(self):
         return frame(self.left - 1)
@@ -92,7 +92,7 @@ class FakePilot:
         self.mission.outcome, self.left = "interrupted", 2
 
     def take_frames(self):
-        return [data for data, _, _ in self.heard[-1:]]
+        return [data for data, _, _ in self.received[-1:]]
 
     def take_records(self):
         return [self.left]
@@ -117,7 +117,7 @@ class FakeRecorder:
 
     @property
     def kept(self):
-        return [words for step in self.steps for words in step.said]
+        return [words for step in self.steps for words in step.sent]
 
 
 @pytest.fixture
@@ -148,7 +148,7 @@ def test_the_pilot_is_given_what_comes_in_with_its_source_and_link_and_what_it_s
     vehicle, ranging = FakeLink((b"a", "x"), (b"b", "y")), FakeLink((b"c", "radio"))
     screen = Showing(lambda tick, step: shown.append((tick, step.time)))
     recorder = fly(pilot, screen, vehicle=vehicle, ranging=ranging)
-    assert pilot.heard == [(b"a", "x", "vehicle"), (b"c", "radio", "ranging"), (b"b", "y", "vehicle")]
+    assert pilot.received == [(b"a", "x", "vehicle"), (b"c", "radio", "ranging"), (b"b", "y", "vehicle")]
     said = [frame(1), frame(101), frame(0), frame(100)]  # the setpoint on its own, at once
     assert vehicle.sent == [(one, "the vehicle") for one in said]
     assert recorder.kept == said
@@ -226,11 +226,11 @@ def test_what_was_to_be_said_before_the_process_stood_still_is_not_said_after_it
     assert [step.time > 3 for step in recorder.steps] == [False, moment == "reading", True]
 
 
-def test_the_time_of_signatures_goes_on_in_every_turn(fly, stop):
+def test_the_time_of_signatures_goes_on_in_every_step(fly, stop):
     flying, listening = Mock(), Mock()
     fly(FakePilot(3), signing_time=flying)
     listen(FakePilot(3), {"vehicle": FakeLink()}, FakeClock(), stop, listening)
-    assert (flying.turn.call_count, listening.turn.call_count) == (3, 3)
+    assert (flying.advance.call_count, listening.advance.call_count) == (3, 3)
 
 
 def test_a_setpoint_leaves_before_anything_is_recorded_or_shown(fly, monkeypatch):

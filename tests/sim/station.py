@@ -22,7 +22,7 @@ class Station:
         self._out = mavlink.MAVLink(None, system, component)
         self._in = mavlink.MAVLink(None)
         self._in.robust_parsing = True
-        self.heard: list[Any] = []
+        self.received: list[Any] = []
 
     def send(self, message: Any) -> None:
         data = message.pack(self._out)
@@ -80,15 +80,15 @@ class Station:
     def listen(self, *kinds: str, source: tuple[int, int] | None = None) -> list[Any]:
         """Everything heard so far, or only some kinds, or only from one component."""
         for frame in self.vehicle.outgoing(self.link):
-            self.heard.extend(self._in.parse_buffer(frame) or [])
-        chosen = [m for m in self.heard if not kinds or m.get_type() in kinds]
+            self.received.extend(self._in.parse_buffer(frame) or [])
+        chosen = [m for m in self.received if not kinds or m.get_type() in kinds]
         if source is None:
             return chosen
         return [m for m in chosen if (m.get_srcSystem(), m.get_srcComponent()) == source]
 
     def forget(self) -> None:
         self.listen()
-        self.heard.clear()
+        self.received.clear()
 
     @property
     def truth(self) -> Truth:

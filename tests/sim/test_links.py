@@ -104,8 +104,8 @@ def test_telemetry_of_others_is_forwarded_unchanged_and_a_ranging_beacon_is_not(
     companion.heartbeat()
     radio.send(mavlink.MAVLink_distance_sensor_message(5, 1, 60000, 4321, 3, 9, 24, 255))
     radio.send(mavlink.MAVLink_ranging_beacon_message(0, 0, 0, 1, 5000, 0, 0, 0.0, 0, 0, 0, 0, 0, 1, 0))
-    heard = companion.listen("DISTANCE_SENSOR", source=(42, 1))
-    assert [m.current_distance for m in heard] == [4321] and radio.listen("DISTANCE_SENSOR") == []
+    received = companion.listen("DISTANCE_SENSOR", source=(42, 1))
+    assert [m.current_distance for m in received] == [4321] and radio.listen("DISTANCE_SENSOR") == []
     assert companion.listen("RANGING_BEACON") == []
 
 
@@ -115,8 +115,8 @@ def test_directed_messages_go_to_whom_they_are_directed():
     other = Station(companion.vehicle, 255, 190, link="gcs")
     for target in ((1, 191), (1, 1), (1, 77), (99, 1), (0, 0)):
         other.send(mavlink.MAVLink_tunnel_message(*target, 40000, 3, [1, 2, 3] + [0] * 125))
-    heard = [(message.target_system, message.target_component) for message in companion.listen("TUNNEL")]
-    assert heard == [(1, 191), (0, 0)]
+    received = [(message.target_system, message.target_component) for message in companion.listen("TUNNEL")]
+    assert received == [(1, 191), (0, 0)]
 
 
 @pytest.mark.parametrize("profile", ["arducopter", "px4_copter"])

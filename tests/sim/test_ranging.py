@@ -31,10 +31,10 @@ def beacons(seconds, **keys):
 def test_distance_sensor_is_the_slant_range_in_whole_centimetres():
     companion = ranging(sensor_id=7)
     companion.wait(0.95)
-    heard = companion.listen("DISTANCE_SENSOR", source=RADIO)
-    assert [m.current_distance for m in heard] == [round(SLANT * 100)] * 10
-    assert [m.time_boot_ms for m in heard] == [*range(0, 1000, 100)]
-    assert {(m.id, m.orientation, m.covariance) for m in heard} == {(7, 24, 255)}
+    received = companion.listen("DISTANCE_SENSOR", source=RADIO)
+    assert [m.current_distance for m in received] == [round(SLANT * 100)] * 10
+    assert [m.time_boot_ms for m in received] == [*range(0, 1000, 100)]
+    assert {(m.id, m.orientation, m.covariance) for m in received} == {(7, 24, 255)}
 
 
 @pytest.mark.parametrize(
@@ -56,10 +56,10 @@ def test_what_a_distance_sensor_says_of_a_far_or_late_range(radio, after, told):
 def test_ranging_beacon_counts_millimetres_and_says_what_it_does_not_know_and_a_named_value_has_single_precision():
     companion = ranging(**BEACON, beacon_id=9)
     companion.wait(0.35)
-    heard = Station(companion.vehicle, link="ranging").listen()
-    assert [m.range for m in heard] == [round(SLANT * 1000)] * 4
-    assert [(m.sequence, m.time_usec) for m in heard] == [(1, 0), (2, 100_000), (3, 200_000), (4, 300_000)]
-    first = heard[0]
+    received = Station(companion.vehicle, link="ranging").listen()
+    assert [m.range for m in received] == [round(SLANT * 1000)] * 4
+    assert [(m.sequence, m.time_usec) for m in received] == [(1, 0), (2, 100_000), (3, 200_000), (4, 300_000)]
+    first = received[0]
     assert (first.beacon_id, first.target_system, first.target_component) == (9, 0, 0)
     assert (first.lat, first.lon, first.range_accuracy) == (2**31 - 1, 2**31 - 1, 2**32 - 1)
     assert math.isnan(first.alt)
@@ -102,9 +102,9 @@ def test_radios_have_their_character(preset, slow, loss):
         ranging={"preset": preset, **BEACON},
     )
     vehicle.advance(1000.0)
-    heard = [m.range / 1000 - 200.0 for m in Station(vehicle, link="ranging").listen()]
-    assert len(heard) == pytest.approx(10_000 * (1 - loss), rel=0.02)
-    means = [statistics.fmean(heard[i : i + 10]) for i in range(0, len(heard) - 10, 10)]  # over a second
+    received = [m.range / 1000 - 200.0 for m in Station(vehicle, link="ranging").listen()]
+    assert len(received) == pytest.approx(10_000 * (1 - loss), rel=0.02)
+    means = [statistics.fmean(received[i : i + 10]) for i in range(0, len(received) - 10, 10)]  # over a second
     assert statistics.pstdev(means) == pytest.approx(slow, abs=0.25 * slow + 0.2)
 
 
@@ -133,10 +133,10 @@ def test_through_the_rangefinder_driver_values_repeat_with_send_time_stamps():
     assert companion.listen("DISTANCE_SENSOR") == []  # silent until asked
     assert companion.stream(132, 40_000) == [0]
     companion.wait(1.0)
-    heard = companion.listen("DISTANCE_SENSOR", source=AUTOPILOT)
-    assert [m.time_boot_ms for m in heard] == [*range(540, 1501, 40)]
-    assert 5 <= len({m.current_distance for m in heard}) <= 6  # five new values a second, sent 25 times
-    assert {(m.id, m.covariance, m.type) for m in heard} == {(0, 0, 0)}
+    received = companion.listen("DISTANCE_SENSOR", source=AUTOPILOT)
+    assert [m.time_boot_ms for m in received] == [*range(540, 1501, 40)]
+    assert 5 <= len({m.current_distance for m in received}) <= 6  # five new values a second, sent 25 times
+    assert {(m.id, m.covariance, m.type) for m in received} == {(0, 0, 0)}
 
 
 def test_the_driver_stops_when_its_input_is_older_than_450_ms():
@@ -155,8 +155,8 @@ def test_the_range_rate_is_how_fast_the_slant_range_grows_under_the_stamp_of_its
     companion = Station(build(start={**STILL, "speed_mps": 0.0}, **tables))
     companion.heartbeat()
     companion.wait(9.95)
-    heard = companion.listen("NAMED_VALUE_FLOAT", source=RADIO)
-    ranges, rates = ([m for m in heard if m.name == name] for name in ("RANGE", "RR"))
+    received = companion.listen("NAMED_VALUE_FLOAT", source=RADIO)
+    ranges, rates = ([m for m in received if m.name == name] for name in ("RANGE", "RR"))
     assert [m.time_boot_ms for m in rates] == [m.time_boot_ms for m in ranges]
     for before, rate, after in zip(ranges[:-2], rates[1:-1], ranges[2:], strict=True):
         assert rate.value == pytest.approx((after.value - before.value) / 0.2, abs=2e-3)

@@ -56,9 +56,9 @@ def test_all_that_it_says_is_signed_by_vehicle_and_radio_alike(vehicle):
     listener.signing.secret_key, listener.signing.timestamp = KEY, NOW
     station(vehicle, KEY).heartbeat()
     vehicle.advance(2.0)
-    heard = [listener.decode(bytearray(frame)) for frame in vehicle.outgoing()]
-    assert all(message.get_signed() for message in heard)
-    assert {message.get_srcComponent() for message in heard} == {1, 192}
+    received = [listener.decode(bytearray(frame)) for frame in vehicle.outgoing()]
+    assert all(message.get_signed() for message in received)
+    assert {message.get_srcComponent() for message in received} == {1, 192}
 
 
 def test_it_obeys_the_holder_of_its_key_alone(vehicle):

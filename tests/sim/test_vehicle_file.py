@@ -27,7 +27,10 @@ def test_an_empty_file_flies():
         ({"start": {"random": {"north_m": [5, 1]}}}, "f.toml: start.random.north_m: [5, 1] is empty"),
         ({"start": {"random": {"north_m": [5]}}}, "f.toml: start.random.north_m[1]: is missing"),
         ({"start": 5}, "f.toml: start: should be a table of keys and values, not 5"),
-        ({"start": {"mode": "GUIDE"}}, 'f.toml: start.mode: "GUIDE" is no mode of arducopter, did you mean "GUIDED"?'),
+        (
+            {"start": {"mode": "GUIDE"}},
+            'f.toml: start.mode: "GUIDE" is not a mode of arducopter, did you mean "GUIDED"?',
+        ),
         ({"start": {"armed": False, "altitude_m": 10}}, "f.toml: start.armed: false needs altitude_m = 0"),
         ({"events": [{"action": "explode"}]}, "f.toml: events[0].action: should be 'mode', 'arm', "),
         ({"events": [{"action": "mode"}]}, "f.toml: events[0].mode: is missing"),

@@ -9,7 +9,7 @@ from circnav_mav.extras.batch.range_rate import RangeRate, observe, observe_rate
 from circnav_mav.extras.batch.world import Truth, along
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.multiple_model import MultipleModelFilter, Stage
-from circnav_mav.guidance.estimators.relative_ekf import KAPPA, Felt, R, Rates, drift, position
+from circnav_mav.guidance.estimators.relative_ekf import KAPPA, R, Rates, VelocityChange, drift, position
 from circnav_mav.guidance.estimators.unicycle import SURE, UnicycleFilter
 from circnav_mav.guidance.maths import Array, chord, wrap
 from circnav_mav.guidance.types import RelativeMotion
@@ -136,16 +136,18 @@ class Auto(Estimator):
         if measured.velocity_change is not None:
             air = measured.airspeed * along(measured.psi) - before * along(psi)
             nose = (along(measured.psi) + along(psi)) / 2
-            felt = Felt(measured.velocity_change, air, dt * nose, measured.airspeed * measured.turn_rate)
+            felt = VelocityChange(measured.velocity_change, air, dt * nose, measured.airspeed * measured.turn_rate)
         self._before, valid = (measured.psi, measured.airspeed), measured.arrived & measured.flies
         rates = None
         if measured.rate is not None:
             sigma = np.full(valid.shape, measured.rate[1])
             rates = Rates(measured.rate[0], sigma, valid, measured.airspeed * along(measured.psi))
         for part, bank in zip(self._parts, self._banks, strict=True):
-            theirs = None if felt is None else felt.of(part)
+            part_change = None if felt is None else felt.of(part)
             rate_part = None if rates is None else rates.of(part)
-            bank.step(dt[part], path[:, part], measured.z[part], measured.sigma[part], valid[part], theirs, rate_part)
+            bank.step(
+                dt[part], path[:, part], measured.z[part], measured.sigma[part], valid[part], part_change, rate_part
+            )
         x, P, trusted, stage = (self._all(name) for name in ("mean", "covariance", "trusted", "stage"))
         p, d = position(x), drift(x)
         V: Array = np.where(stage == Stage.EMPTY, self._speed, x[KAPPA] * measured.airspeed)

@@ -28,18 +28,18 @@ KEPT_BELOW = 10.0
 
 def run(
     cells: Sequence[tuple[str, str]], flights: int, seed: int = 1, out: Path | None = None, *,
-    tell: Callable[[str], None] = lambda line: None, cores: int = 1,
+    report: Callable[[str], None] = lambda line: None, cores: int = 1,
 ) -> list[Cell]:  # fmt: skip
     """Fly cells (names of situation and policy). Write table.csv, table.md and table.png into the folder `out`.
 
-    tell: called with a line for each cell. Raises WorkerDiedError.
+    report: called with a line for each cell. Raises WorkerDiedError.
     """
     done: list[Cell] = []
     with workers(cores) if min(cores, len(cells)) > 1 else nullcontext() as submit:
         jobs = [submit(fly_cell, *cell, flights, seed) for cell in cells] if submit else []
         for at, cell in enumerate(cells):
             done.append(jobs[at].result() if jobs else fly_cell(*cell, flights, seed))
-            tell(line(done[-1]))
+            report(line(done[-1]))
             if out is not None:
                 write_csv(done, out / "table.csv")
                 write_text(out / "table.md", markdown(done))

@@ -22,7 +22,7 @@ def fly_bench(flights: int, laws: tuple[str, ...], situations: tuple[str, ...], 
             folder.mkdir(parents=True, exist_ok=True)
             (folder / "table.csv").open("ab").close()  # fail now, not after hours of flight
         try:
-            bench.run(cells, flights, seed, folder, tell=say, cores=os.cpu_count() or 1)
+            bench.run(cells, flights, seed, folder, report=say, cores=os.cpu_count() or 1)
         except WorkerDiedError:
             raise Refused("a worker process died (out of memory?): reduce --flights", Exit.INTERNAL) from None
     return Exit.DONE

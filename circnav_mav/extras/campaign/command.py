@@ -61,7 +61,7 @@ def _engines(campaign: Campaign) -> str:
         with suppress(MissionError, ConfigError):  # the row of such a flight has the error
             reasons.update(filter(None, [lockstep_reason(prepare(campaign, number))]))
     if reasons and campaign.engine == "batch":
-        raise Refused(f'{campaign.where}: engine: "batch" cannot fly this: {next(iter(reasons))}')
+        raise Refused(f'{campaign.where}: engine: "batch" cannot fly this mission: {next(iter(reasons))}')
     slow = sum(reasons.values())
     counted = f"{checked - slow} in batches, {slow} in lockstep"
     flights = f"{campaign.runs} flights" + (f", of the first {checked}" if checked < campaign.runs else "")

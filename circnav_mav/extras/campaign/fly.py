@@ -53,7 +53,7 @@ def lockstep_reason(run: Run) -> str | None:
         "[vehicle] is not the plain ArduPilot copter": run.mission.vehicle_key != ("ardupilot", "copter"),
         "sim.vehicle is not the ideal copter (profile arducopter, dynamics unicycle or airborne)": not ideal,
         "sim.start is not a hover in the air": not hovers,
-        "[[sim.events]] happen": bool(sim.events),
+        "the mission has [[sim.events]]": bool(sim.events),
         "the height comes from the altitude": run.mission.height.needs_altitude,
         "sim.ranging.rate_hz is 0": ranging.rate_hz <= 0,
         "sim.ranging.latency_s is not 0": ranging.latency_s > 0,
@@ -63,7 +63,7 @@ def lockstep_reason(run: Run) -> str | None:
         "[ranging] resent or stamp is not the default": file.ranging.resent or file.ranging.stamp == "arrival",
         "ranging.rate_name: a measured range rate": file.ranging.rate_name is not None,
         "guidance.radius_trim_per_s is not 0": file.guidance.radius_trim_per_s > 0,
-        "[bounds] are set": file.bounds != type(file.bounds)(),
+        "[bounds] is set": file.bounds != type(file.bounds)(),
         "engage.on_takeover is not the default": file.engage.on_takeover != "end",
     }
     return next((reason for reason, found in reasons.items() if found), None)

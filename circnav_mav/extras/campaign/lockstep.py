@@ -10,7 +10,7 @@ from circnav_mav.extras.campaign.plan import Run
 from circnav_mav.pilot import Ending, Pilot, TickRecord
 from circnav_mav.runlog.metrics import Column
 from circnav_mav.runtime.lockstep import Lockstep
-from circnav_mav.runtime.runner import turn
+from circnav_mav.runtime.runner import run_step
 
 COMPLETED = "completed"
 EXIT_TIME = 60.0
@@ -56,7 +56,7 @@ class Flight:
     def step(self, until: float) -> None:
         """Advance to the next action of the pilot, at most to `until`."""
         self._clock.advance(min(self.pilot.scheduler.due, until))
-        turn(self.pilot, self._links, self._clock, self.now)
+        run_step(self.pilot, self._links, self._clock, self.now)
         self.ticks += (tick for tick in self.pilot.take_records() if tick.turn_rate is not None)
 
 

@@ -23,7 +23,7 @@ from circnav_mav.mission.problems import in_words
 
 
 @dataclass(frozen=True, slots=True)
-class Drawn:
+class Distribution:
     """A distribution and its numbers, or the values of a choice."""
 
     kind: str
@@ -33,7 +33,7 @@ class Drawn:
         return DRAWS[self.kind](rng, *self.numbers)
 
 
-Spec = tuple[Any, ...] | Drawn
+Spec = tuple[Any, ...] | Distribution
 """The values of a grid, or a distribution."""
 DRAWS: dict[str, Callable[..., Any]] = {
     "uniform": lambda rng, low, high: float(rng.uniform(low, high)),
@@ -57,13 +57,13 @@ def read_spec(value: Any) -> Spec:
     ((kind, numbers),) = value.items()
     if kind not in DRAWS:
         near = get_close_matches(kind, DRAWS, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(DRAWS)}"
+        hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(DRAWS)}"
         raise ValueError(f"{kind}: unknown key, {hint}")
     if not isinstance(numbers, list) or not numbers:
         raise ValueError(f"{kind}: must be a list, not {numbers!r}")
     if kind != "choice":
         _check_numbers(kind, numbers)
-    return Drawn(kind, tuple(numbers))
+    return Distribution(kind, tuple(numbers))
 
 
 def _check_numbers(kind: str, numbers: list[Any]) -> None:
@@ -126,7 +126,7 @@ class Campaign:
         world, cell = divmod(run, self.cells)
         values: dict[str, Any] = {}
         for key, spec in self.specs.items():
-            if isinstance(spec, Drawn):
+            if isinstance(spec, Distribution):
                 values[key] = spec.draw(np.random.default_rng([self.seed, world, zlib.crc32(key.encode())]))
             else:
                 cell, which = divmod(cell, len(spec))
@@ -207,7 +207,7 @@ def _check_alone(key: str, others: Iterable[str], where: str) -> None:
     sets = f"{START.get(key, key)}."
     for other in others:
         if other == key:
-            raise CampaignError(f"{where}: vary: {key} is there twice, in two spellings: keep one")
+            raise CampaignError(f"{where}: vary: {key} is given twice, in two spellings: keep one")
         taken = f"{START.get(other, other)}."
         if sets.startswith(taken) or taken.startswith(sets):
             raise CampaignError(f"{where}: vary: {other} and {key} set the same key: keep one")

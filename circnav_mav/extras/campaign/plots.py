@@ -107,7 +107,7 @@ def _distributions(rows: Rows, title: str) -> Figure:
     settling.set_title(f"never: {never}", fontsize=9)
     nearest.hist(_numbers(rows, "closest_m"), bins=40, color=LINE)
     error.set_ylabel("flights")
-    labels = "RMS radius error of the last third, m", "time until within 5 % for good, s", "closest approach, m"
+    labels = "RMS radius error of the last third, m", "time until the error stays within 5 %, s", "closest approach, m"
     for axis, label in zip(figure.axes, labels, strict=True):
         axis.set_xlabel(label)
         axis.yaxis.set_major_locator(MaxNLocator(integer=True))

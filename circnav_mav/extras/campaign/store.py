@@ -103,7 +103,7 @@ class Store:
             of_ours = path.name in whole and whole[path.name].startswith(read_bytes(path, MAX_TABLE))
             if not of_ours and (path.name in {*whole, SUMMARY} or path.suffix == ".png"):
                 raise CampaignError(
-                    f"{self.folder}: holds {path.name}, which is not of this campaign: name another --out"
+                    f"{self.folder}: holds {path.name}, which is not a file of this campaign: name another --out"
                 )
 
     def _reopen(self, sources: dict[str, str], resume: bool) -> None:
@@ -119,7 +119,9 @@ class Store:
         whole = data[: data.rfind(b"\n") + 1]
         header, *lines = whole.splitlines(keepends=True)
         if header != _line(self._columns):
-            raise CampaignError(f"{self._path}: cannot resume: its columns are of another version; name another --out")
+            raise CampaignError(
+                f"{self._path}: cannot resume: its columns are those of another version; name another --out"
+            )
         if whole != data:
             self._path.write_bytes(whole)
         for number, line in enumerate(lines, 2):
@@ -130,7 +132,7 @@ class Store:
         beyond = [run for run in self.done if run >= self._runs]
         if beyond:
             raise CampaignError(
-                f"{self._path}: holds run {min(beyond)} and more: ask for at least {max(beyond) + 1} --runs"
+                f"{self._path}: already holds run {min(beyond)}: give --runs of at least {max(beyond) + 1}"
             )
 
     def _whole(self, line: bytes) -> int | None:

@@ -82,17 +82,17 @@ class Rejection(Enum):
 
 
 REMEDIES = {
-    Rejection.MALFORMED: "frames are not whole MAVLink 2 reports: use a port of its own for each program",
-    Rejection.OTHER_ADDRESS: "a sender is not in the list of peers: add it to the list if it is a member",
+    Rejection.MALFORMED: "frames are not complete MAVLink 2 reports: give each program another port",
+    Rejection.OTHER_ADDRESS: "a sender is not in the list of peers: if it is a member, add it",
     Rejection.UNSIGNED: "frames are not signed: give every member the key of the fleet",
     Rejection.WRONG_KEY: "frames are signed with another key: give every member the same key file",
     Rejection.REPLAYED: "frames are repeated or late, and are ignored",
-    Rejection.OTHER_GROUP: "another group uses this address: correct the group, or give each group an address",
+    Rejection.OTHER_GROUP: "another group uses this address: correct the group, or use another address",
     Rejection.NOT_FINITE: "a number is not finite",
     Rejection.OUT_OF_BOUNDS: "a number is out of bounds",
     Rejection.CLOCKS_DISAGREE: "clocks disagree, or frames are late: synchronize the companion computers",
-    Rejection.SAME_ID: "two members have one id: give each member an id of its own",
-    Rejection.PHASE_JUMP: "a phase jumps: the member's estimate or its sender is wrong",
+    Rejection.SAME_ID: "two members have the same id: give each member another id",
+    Rejection.PHASE_JUMP: "a phase jumps: the member's estimate is wrong, or another program sends as this member",
     Rejection.TOO_OFTEN: "a member sends more than 10 reports a second",
     Rejection.TABLE_FULL: "the group has more members than its limit",
     Rejection.FLOOD: "network flood: frames are lost",
@@ -156,7 +156,7 @@ class Member:
 
     report: MemberReport
     address: Hashable
-    heard_at: float
+    received_at: float
     jumped: tuple[MemberReport, MemberReport] | None = None
 
 
@@ -306,7 +306,7 @@ class Acceptance:
         # Signed frames are accepted from any address: otherwise a relay that is faster than the sender could make the
         # sender's own frames look foreign. Two addresses still raise an alarm. Without signatures, only the first
         # address is accepted until it is silent.
-        if address != known.address and now - known.heard_at <= MOVES_AFTER:
+        if address != known.address and now - known.received_at <= MOVES_AFTER:
             detail = f"id {report.member} at {spelt(known.address)} and at {spelt(address)}"
             if self._signing is None:
                 raise RejectedError(Rejection.SAME_ID, detail)
@@ -329,13 +329,13 @@ class Acceptance:
         if known.jumped and phase_error(newest, report) > phase_tolerance(newest, report):
             first = report
         known.jumped = (first, report)
-        known.heard_at = now
+        known.received_at = now
         if report.stamp - first.stamp < CONFIRMED_AFTER:
             raise RejectedError(Rejection.PHASE_JUMP, f"id {report.member} by {error * 180 / pi:.0f} deg")
 
     def _forget(self, now: float) -> None:
         """Remove silent members, and members with reception times in the future after the clock was set back."""
-        for ident in [one for one, member in self.members.items() if abs(now - member.heard_at) > FORGET_AFTER]:
+        for ident in [one for one, member in self.members.items() if abs(now - member.received_at) > FORGET_AFTER]:
             del self.members[ident]
 
     def _remember(self, frame: bytes, now: float) -> None:

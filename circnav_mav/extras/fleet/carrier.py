@@ -103,9 +103,7 @@ class FrameCarrier:
             return
         try:
             if (report.group, report.member) != self._ids:
-                raise RejectedError(
-                    Rejection.OUT_OF_BOUNDS, f"ids {report.group}, {report.member} are not the own ones"
-                )
+                raise RejectedError(Rejection.OUT_OF_BOUNDS, f"ids {report.group}, {report.member} are not our own")
             check_numbers(report)
         except RejectedError as wrong:
             self._note(f"the own report is not sent: {wrong}", now)
@@ -176,7 +174,7 @@ class UdpPort:
             raise LinkError(f"fleet peers {', '.join(link.peers)}: use either IPv4 or IPv6 for all of them")
         self.hosts = frozenset(address[0] for _, address in self._peers) if self._peers else None
         self._socket: socket.socket | None = None
-        self._retry_at = self._heard_at = -inf
+        self._retry_at = self._received_at = -inf
         self._problem: str | None = None
         if not self._peers:
             _check_multicast(link)
@@ -215,10 +213,10 @@ class UdpPort:
                 break
             except OSError as error:  # a peer without a socket on its port replies by ICMP
                 self._problem = self._explain(error)
-        if datagrams or self._heard_at == -inf:
-            self._heard_at = now
-        elif not self._peers and abs(now - self._heard_at) > SILENCE:
-            self._heard_at = now
+        if datagrams or self._received_at == -inf:
+            self._received_at = now
+        elif not self._peers and abs(now - self._received_at) > SILENCE:
+            self._received_at = now
             self._close(now - RETRY)
         return datagrams
 
@@ -231,7 +229,7 @@ class UdpPort:
         if self._socket is None and self._retry_at != inf and abs(now - self._retry_at) >= RETRY:
             self._retry_at = now
             try:
-                self._socket, self._heard_at = self._open(), now
+                self._socket, self._received_at = self._open(), now
             except OSError as error:
                 self._problem = self._explain(error)
         return self._socket
@@ -348,7 +346,7 @@ def _check_multicast(link: FleetLink) -> None:
     except ValueError:
         right = False
     if not right:
-        raise LinkError(f"fleet link {link.address}: is no IPv4 multicast address: write one such as {MULTICAST}")
+        raise LinkError(f"fleet link {link.address}: is not an IPv4 multicast address: write one such as {MULTICAST}")
 
 
 def _membership(link: FleetLink) -> bytes:

@@ -29,7 +29,9 @@ def emulate_fleet(
     if vehicle is None:
         raise Refused("--fleet: name a mission with a [sim] table, such as plane")
     if ranging_endpoint is not None:
-        raise Refused("--ranging-endpoint: is not for --fleet, use a mission whose ranges come by the vehicle's link")
+        raise Refused(
+            "--ranging-endpoint: not with --fleet, choose a mission that receives ranges on the vehicle's link"
+        )
     try:
         first = parse_endpoint(endpoint)
     except LinkError as error:
@@ -47,8 +49,8 @@ def emulate_fleet(
             lasts = [] if duration is None else ["--duration", str(duration)]
             command = [sys.executable, "-P", "-m", "circnav_sim", str(file), "--endpoint", where, "--speed", str(speed)]
             processes.append(running.enter_context(_ended(subprocess.Popen([*command, *lasts]))))
-            told = [one for one in overrides if one.startswith(("fleet.", "orbit."))]
-            keys = " ".join(f"--set {one}" for one in [*told, f"vehicle.system_id={member}"])
+            named = [one for one in overrides if one.startswith(("fleet.", "orbit."))]
+            keys = " ".join(f"--set {one}" for one in [*named, f"vehicle.system_id={member}"])
             say(f"member {member} on {where}: fly it with {keys}")
         while any(process.poll() is None for process in processes) and stop.signal_name is None:
             select.select([stop], [], [], LOOK_EVERY)

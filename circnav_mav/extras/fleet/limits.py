@@ -60,18 +60,18 @@ def fleet_limits(mission: Mission, table: FleetTable) -> Iterator[Check]:
     by_distance = int(2 * pi * orbit.radius / LEAST_GAP)
     too_many = (m for m in range(2, 256) if 2 * pi / m < GAP_SIGMAS * evenness_floor(m, COMPASS_SIGMA))
     by_phase = next(too_many, 256) - 1
-    why = "by their compass errors" if by_phase < by_distance else f"{LEAST_GAP:g} m apart"
+    why = "because of compass errors" if by_phase < by_distance else f"{LEAST_GAP:g} m apart"
     words = f"{n} members, at most {min(by_distance, by_phase)} on {orbit.radius:g} m {why}"
     yield Check(FAIL if n > min(by_distance, by_phase) else PASS, "fleet size", words)
     floor = f"worst gap {degrees(evenness_floor(n, COMPASS_SIGMA)):.1f} deg rms"
     words = f"{floor} with compass errors of {degrees(COMPASS_SIGMA):g} deg"
     if settings.most > 0:
         seconds = least_time_to_even(n, orbit.speed / orbit.radius, settings.most)
-        yield Check(PASS, "fleet evenness", f"{words}; from one place even after {seconds:.0f} s at least")
+        yield Check(PASS, "fleet evenness", f"{words}; from one place, evenly spaced after at least {seconds:.0f} s")
     else:
         remedy = "enlarge orbit.radius_m or the bounds"
         yield Check(FAIL, "fleet evenness", f"bounds and turn rate leave no room beside the circle: {remedy}")
     rate = mission.file.ranging.rate_hz
-    words = f"a two-way beacon that gives one vehicle {rate:g} Hz gives each of {n} {rate / n:.1f} Hz"
+    words = f"a two-way beacon with {rate:g} Hz for one vehicle has {rate / n:.1f} Hz for each of {n}"
     grade = WARN if rate / n < LEAST_RATE else PASS
-    yield Check(grade, "fleet ranging", f"{words}: set ranging.rate_hz to what each one gets")
+    yield Check(grade, "fleet ranging", f"{words}: set ranging.rate_hz to the rate of one vehicle")

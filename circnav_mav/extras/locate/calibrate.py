@@ -13,7 +13,7 @@ from circnav_mav.extras.locate.estimator import (
     CALIBRATED,
     UNCALIBRATED,
     Knowledge,
-    NotYet,
+    NotLocated,
     Ranges,
     Track,
     locate_as_it_shows,
@@ -56,7 +56,7 @@ class Bin:
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class CalibrationFit:
     """Error of a radio. place: of the beacon. true: length of each range, m. error: reported minus true length, m.
     scale_sigma: standard deviation of the scale when estimated together with the bias."""
 
@@ -78,15 +78,15 @@ def calibrate_radio(
         name = range_name or (flown.file.ranging.name if flown is not None else ReadOptions().range_name)
         log, tag = _radio(read(source, ReadOptions(name, vehicle=vehicle), positions), tag, source)
         plane = log.plane()
-        track, (ranges, said) = log.track(plane), log.of(tag, sigma)
+        track, (ranges, sigma_known) = log.track(plane), log.of(tag, sigma)
         up, up_sigma = _target_height(track, altitude, flown)
         known = Knowledge(
             up=up, up_sigma=up_sigma, gps_sigma=gps_sigma, bias_sigma=BIAS, scale_sigma=UNCALIBRATED,
-            delay_sigma=CLOCKS, sigma_known=said,
+            delay_sigma=CLOCKS, sigma_known=sigma_known,
         )  # fmt: skip
         found = measure(plane, track, ranges, known)
-        if isinstance(found, NotYet):
-            raise Refused(f"{source}: {tag}: the beacon was not located: {found.why}", Exit.NOTHING_HEARD)
+        if isinstance(found, NotLocated):
+            raise Refused(f"{source}: {tag}: the beacon was not located: {found.why}", Exit.NOTHING_RECEIVED)
         for note in log.notes:
             say(f"note: {note}")
         _say(tag, found)
@@ -104,14 +104,14 @@ def calibrate_radio(
     return Exit.DONE
 
 
-def measure(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> Measured | NotYet:
+def measure(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> CalibrationFit | NotLocated:
     """Return the error of a radio from positions and reported ranges."""
     place = free = locate_as_it_shows(plane, track, ranges, known)
-    if isinstance(free, NotYet):
+    if isinstance(free, NotLocated):
         return free
     if not free.scale_found:  # on one radius every scale fits with a suitable bias
         place = locate_as_it_shows(plane, track, ranges, replace(known, scale_sigma=CALIBRATED))
-        if isinstance(place, NotYet):
+        if isinstance(place, NotLocated):
             return place
     assert isinstance(place, Place)
     # A range is never measured after its timestamp. An offset with the other sign has another cause: late positions, or
@@ -121,7 +121,7 @@ def measure(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> Mea
         (1.0, place.range_error(place.range_scale)[0]) if not place.scale_found else (1 + place.scale, place.bias)
     )
     linear = Calibration(round(scale, 5), round(bias, 2), delay)
-    straight = Measured(place, linear, *_errors(place, track, ranges), free.scale_sigma)
+    straight = CalibrationFit(place, linear, *_errors(place, track, ranges), free.scale_sigma)
     bins = _bins(straight.true, straight.error)
     off = [abs(one.error - (linear.reported(one.true) - one.true)) - 3 * one.spread / one.count**0.5 for one in bins]
     if max(off, default=0.0) <= CURVED * known.gps_sigma:
@@ -138,9 +138,9 @@ def measure(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> Mea
             return straight
         calibration = Calibration(points=points, delay=delay)
         again = locate_as_it_shows(plane, track, corrected(ranges, replace(calibration, delay=0.0)), settled)
-        if isinstance(again, NotYet):
+        if isinstance(again, NotLocated):
             return straight
-        curved = Measured(again, calibration, *_errors(again, track, ranges), free.scale_sigma)
+        curved = CalibrationFit(again, calibration, *_errors(again, track, ranges), free.scale_sigma)
         bins = _bins(curved.true, curved.error)
     return curved
 
@@ -178,7 +178,7 @@ def _radio(logs: Sequence[RangeLog], tag: str | None, source: Path) -> tuple[Ran
     chosen = [(log, name) for log, name in radios if tag in (None, name)]
     if len(chosen) != 1:
         names = ", ".join(repr(name) for _, name in radios)
-        raise Refused(f"{source}: one radio at a time: give --tag, one of {names}")
+        raise Refused(f"{source}: has several radios: give --tag, one of {names}")
     return chosen[0]
 
 
@@ -213,7 +213,7 @@ def _bins(true: Array, error: Array) -> list[Bin]:
     return found
 
 
-def _say(tag: str, found: Measured) -> None:
+def _say(tag: str, found: CalibrationFit) -> None:
     place, calibration = found.place, found.calibration
     say(f"{tag}: {place.used} ranges, noise {place.noise:.2f} m, beacon at {place.words()}")
     say("  true range     reported too long by    spread    ranges")
@@ -223,20 +223,20 @@ def _say(tag: str, found: Measured) -> None:
     if calibration.points:
         say("  radio      not linear: a table of points")
     elif place.scale_found:
-        scale = f"scale {1 + place.scale:.4f} +-{place.scale_sigma:.4f}"
-        say(f"  radio      {scale}, bias {place.bias:+.2f} +-{place.bias_sigma:.2f} m")
+        scale = f"scale {1 + place.scale:.4f} ±{place.scale_sigma:.4f}"
+        say(f"  radio      {scale}, bias {place.bias:+.2f} ±{place.bias_sigma:.2f} m")
     elif found.scale_sigma < SHARP:
-        say(f"  radio      {error:+.2f} +-{sigma:.2f} m too long; scale 1 within {found.scale_sigma:.4f}")
+        say(f"  radio      {error:+.2f} ±{sigma:.2f} m too long; scale 1 within {found.scale_sigma:.4f}")
     else:
         say(
-            f"  radio      {error:+.2f} +-{sigma:.2f} m too long at {place.range_scale:.0f} m. Scale and bias not "
-            "observable apart: right at this range only; fly the approach or a second radius as well"
+            f"  radio      {error:+.2f} ±{sigma:.2f} m too long at {place.range_scale:.0f} m. Scale and bias not "
+            "separately observable: valid at this range only; also fly the approach or a second radius"
         )
     if not place.up_known:
-        say("  WARNING    the height of the beacon is not known and looks like a bias: give --altitude")
+        say("  WARNING    the height of the beacon is unknown, its effect looks like a bias: give --altitude")
 
 
-def _plot(path: Path, found: Measured, tag: str) -> None:
+def _plot(path: Path, found: CalibrationFit, tag: str) -> None:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
-from circnav_mav.extras.locate.estimator import Knowledge, NotYet, locate_as_it_shows
+from circnav_mav.extras.locate.estimator import Knowledge, NotLocated, locate_as_it_shows
 from circnav_mav.extras.locate.export import geojson, kml
 from circnav_mav.extras.locate.logs.interface import UNITS, ReadOptions, meters_in
 from circnav_mav.extras.locate.logs.table import read_logs, with_positions
@@ -48,7 +48,7 @@ def locate_log(
         name = range_name or (flown.file.ranging.name if flown is not None else ReadOptions().range_name)
         unit = None if units is None else meters_in(units)
         if units is not None and unit is None:
-            raise Refused(f"--units {units}: is no unit: {', '.join(UNITS)}, or the number of meters in one")
+            raise Refused(f"--units {units}: is not a unit: {', '.join(UNITS)}, or the length of the unit in meters")
         options = ReadOptions(name, unit, range_columns, _zone(timezone), vehicle)
         with _busy(f"reading {printable(source.name)}"):
             logs = read(source, options, positions)
@@ -57,7 +57,7 @@ def locate_log(
             altitude = flown.height.target_altitude if altitude is None else altitude
         calibration = Calibration() if flown is None else flown.file.ranging.calibration
         if calibration.is_set:
-            say(f"note: the log has what the radio reported; corrected by the mission: {calibration.describe()}")
+            say(f"note: the log's ranges are corrected with the mission's calibration: {calibration.describe()}")
         jobs = [(log, tag) for log in logs if len(log.positions) > 1 for tag in log.ranges]
         unknown = [tag for tag in tags if tag not in (known for _, known in jobs)]
         if unknown:
@@ -78,7 +78,7 @@ def locate_log(
             if place is not None:
                 places[tag] = place
         if not places:
-            raise Refused(f"{source}: no target was located", Exit.NOTHING_HEARD)
+            raise Refused(f"{source}: no target was located", Exit.NOTHING_RECEIVED)
         _write(out, source, places, logs)
         if params is not None:
             say("\n".join(PARAMETERS[params](places)))
@@ -96,7 +96,7 @@ def read(source: Path, options: ReadOptions, positions: str | None) -> list[Rang
         return with_positions(logs, carriers, Path(positions))
     except RunError as error:
         empty = isinstance(error, EmptyLogError)
-        raise Refused(str(error), Exit.NOTHING_HEARD if empty else Exit.USAGE) from None
+        raise Refused(str(error), Exit.NOTHING_RECEIVED if empty else Exit.USAGE) from None
 
 
 def _zone(given: str | None) -> timezone | ZoneInfo | None:
@@ -110,7 +110,7 @@ def _zone(given: str | None) -> timezone | ZoneInfo | None:
     try:
         return ZoneInfo(given)
     except (ValueError, OSError, KeyError):
-        raise Refused(f"--timezone {given}: is no time zone, such as +02:00 or Europe/Vienna") from None
+        raise Refused(f"--timezone {given}: is not a time zone, such as +02:00 or Europe/Vienna") from None
 
 
 def mission_of(source: Path) -> Mission | None:
@@ -139,15 +139,15 @@ def _one(
 ) -> Place | None:
     """Locate a tag and print the result. Return None if it was not located."""
     plane = log.plane()
-    ranges, said = log.of(tag, sigma)
+    ranges, sigma_known = log.of(tag, sigma)
     ranges = corrected(ranges, calibration)
-    track, known = log.track(plane), replace(known, sigma_known=said)
+    track, known = log.track(plane), replace(known, sigma_known=sigma_known)
     say(f"{tag}: {len(ranges.r)} ranges{f' of {log.vehicle}' if log.vehicle else ''}")
     with _busy(f"locating {tag}"):
         place = locate_as_it_shows(plane, track, ranges, known)
         found = place if isinstance(place, Place) else None
         better = better_unit(plane, track, ranges, known, found) if search_unit else None
-    if isinstance(place, NotYet):
+    if isinstance(place, NotLocated):
         say(f"  WARNING    not located: {place.why}")
     else:
         _say(place, known)
@@ -161,17 +161,17 @@ def _say(place: Place, known: Knowledge) -> None:
     say(f"  place      {place.words()}")
     say(
         f"  95 %       {ellipse.major:.1f} x {ellipse.minor:.1f} m, long axis {ellipse.azimuth:.0f} deg; the "
-        f"positions' own error counts with {known.gps_sigma:g} m"
+        f"positions' error is included with {known.gps_sigma:g} m"
     )
     if not place.up_known:
         say(f"  height     {NOT_OBSERVABLE}")
     error, sigma = place.range_error(place.range_scale)
-    at = f"{error:+.2f} +-{sigma:.2f} m too long at {place.range_scale:.0f} m"
-    bias = f"bias {place.bias:+.2f} +-{place.bias_sigma:.2f} m"
-    scale = f"scale {1 + place.scale:.4f} +-{place.scale_sigma:.4f}" if place.scale_found else NO_SCALE
+    at = f"{error:+.2f} ±{sigma:.2f} m too long at {place.range_scale:.0f} m"
+    bias = f"bias {place.bias:+.2f} ±{place.bias_sigma:.2f} m"
+    scale = f"scale {1 + place.scale:.4f} ±{place.scale_sigma:.4f}" if place.scale_found else NO_SCALE
     say(f"  ranges     noise {place.noise:.2f} m; {at}")
     say(f"  radio      {bias}, {scale}")
-    late = f"positions are stamped {place.delay:+.2f} +-{place.delay_sigma:.2f} s later than ranges"
+    late = f"timestamps of positions are {place.delay:+.2f} ±{place.delay_sigma:.2f} s later than those of ranges"
     known_clocks = place.delay_sigma < known.delay_sigma
     say(f"  clocks     {late if known_clocks else 'offset not observable: the distance hardly changes'}")
     total = place.used + place.outliers
@@ -180,7 +180,7 @@ def _say(place: Place, known: Knowledge) -> None:
     if place.outliers:
         say(f"  outliers   {place.outliers} of {total} left out")
     if place.outliers > MIXED * total or place.noise > POOR * place.range_scale:
-        say("  WARNING    the ranges fit no single place well: two tags mixed? Give the CSV a column tag")
+        say("  WARNING    the ranges fit no single place well: two tags mixed? Add a column named tag to the CSV")
 
 
 def _write(out: str | None, source: Path, places: dict[str, Place], logs: Sequence[RangeLog]) -> None:

@@ -8,30 +8,38 @@ ERROR = Finite(0.001, 1000)
 """Standard deviation, m."""
 
 
-@command("circnav_mav.extras.locate.command:locate_log", short_help="Tell where the targets of a log are.")
+@command("circnav_mav.extras.locate.command:locate_log", short_help="Locate the targets of a log.")
 @click.argument("path", type=click.Path(), metavar="RUN|LOG")
 @click.option("--tag", "tags", multiple=True, metavar="ID", help="Only this tag. May be repeated. [default: all]")
 @click.option("--vehicle", type=click.IntRange(1, 255), metavar="ID", help="Only this vehicle of a tlog (system id).")
-@click.option("--positions", type=click.Path(), metavar="FILE", help="Positions from here: GPX, .pos, NMEA, a log.")
+@click.option("--positions", type=click.Path(), metavar="FILE", help="File with the positions: GPX, .pos, NMEA, a log.")
 @click.option("--range-name", metavar="NAME", help="NAMED_VALUE, debug key or MESSAGE.FIELD that is the range.")
 @click.option("--range-column", "range_columns", multiple=True, metavar="NAME", help="Column of a CSV with ranges.")
-@click.option("--units", metavar="UNIT", help="Of the ranges: m, cm, ft, nmi ... [default: as the log says, or m]")
-@click.option("--timezone", metavar="ZONE", help="Of times without one: +02:00, Europe/Vienna. [default: UTC]")
+@click.option("--units", metavar="UNIT", help="Unit of the ranges: m, cm, ft, nmi ... [default: the log's, or m]")
 @click.option(
-    "--sigma", type=ERROR, metavar="M", help="Noise of the ranges, where the log says none. [default: as it shows]"
+    "--timezone", metavar="ZONE", help="Time zone of times without one: +02:00, Europe/Vienna. [default: UTC]"
+)
+@click.option(
+    "--sigma", type=ERROR, metavar="M", help="Noise of the ranges, if the log has none. [default: as measured]"
 )
 @click.option("--gps-sigma", type=ERROR, default=1.5, metavar="M", help="Error of the positions.")
-@click.option("--bias", type=ERROR, default=2.0, metavar="M", help="How far ranges may be off together.")
 @click.option(
-    "--altitude", type=Finite(-1e6, 1e6), metavar="M", help="Of the target, where it is known; as the log counts it."
+    "--bias", type=ERROR, default=2.0, metavar="M", help="Standard deviation of a common error of all ranges."
 )
-@click.option("--params", type=click.Choice(["px4", "ardupilot"]), help="Print the places as parameters, too.")
-@click.option("--out", type=Folder(), metavar="DIR", help="Where to write. [default: beside the log]")
+@click.option(
+    "--altitude",
+    type=Finite(-1e6, 1e6),
+    metavar="M",
+    help="Altitude of the target, if known, with the log's reference.",
+)
+@click.option("--params", type=click.Choice(["px4", "ardupilot"]), help="Also print the places as parameters.")
+@click.option("--out", type=Folder(), metavar="DIR", help="Output folder. [default: beside the log]")
 def locate() -> None:
-    """Tell where the targets of a log are. Writes GeoJSON, KML and a picture.
+    """Locate the targets of a log. Writes GeoJSON, KML and a picture.
 
     A log is a run folder, a tlog, an ArduPilot .BIN, a PX4 .ulg, or a CSV whose header names time (s or ISO 8601),
-    latitude, longitude, range, and maybe altitude, sigma, tag. Exit codes: 0 located, 2 bad usage, 3 nothing to locate.
+    latitude, longitude, range, and optionally altitude, sigma, tag. Exit codes: 0 located, 2 bad usage, 3 no target
+    located.
 
     \b
     Examples:
@@ -48,15 +56,17 @@ def locate() -> None:
 @click.argument("path", type=click.Path(), metavar="RUN|LOG")
 @click.option("--tag", metavar="ID", help="The radio, if the log has several.")
 @click.option("--vehicle", type=click.IntRange(1, 255), metavar="ID", help="Only this vehicle of a tlog (system id).")
-@click.option("--positions", type=click.Path(), metavar="FILE", help="Positions from here: GPX, .pos, NMEA, a log.")
+@click.option("--positions", type=click.Path(), metavar="FILE", help="File with the positions: GPX, .pos, NMEA, a log.")
 @click.option("--range-name", metavar="NAME", help="NAMED_VALUE, debug key or MESSAGE.FIELD that is the range.")
 @click.option(
-    "--sigma", type=ERROR, metavar="M", help="Noise of the ranges, if the log has none. [default: as it shows]"
+    "--sigma", type=ERROR, metavar="M", help="Noise of the ranges, if the log has none. [default: as measured]"
 )
 @click.option("--gps-sigma", type=ERROR, default=1.5, metavar="M", help="Error of the positions.")
-@click.option("--altitude", type=Finite(-1e6, 1e6), metavar="M", help="Altitude of the beacon, as the log counts it.")
-@click.option("--mission", type=click.Path(), metavar="FILE", help="Write the keys into this mission, too.")
-@click.option("--out", type=Folder(), metavar="DIR", help="Where to write. [default: beside the log]")
+@click.option(
+    "--altitude", type=Finite(-1e6, 1e6), metavar="M", help="Altitude of the beacon, with the log's reference."
+)
+@click.option("--mission", type=click.Path(), metavar="FILE", help="Also write the keys into this mission.")
+@click.option("--out", type=Folder(), metavar="DIR", help="Output folder. [default: beside the log]")
 def calibrate() -> None:
     """Measure the error of a radio over its range by a flight with GPS, and write it for the mission.
 

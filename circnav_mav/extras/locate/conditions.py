@@ -3,7 +3,10 @@
 from circnav_mav.pilot.conditions import Condition
 
 GPS_WATCH = Condition(
-    "gps_watch", short="GPS WATCH: {found} likeliest wrong", long="GPS WATCH: {found}", over="GPS, ranges agree again"
+    "gps_watch",
+    short="GPS WATCH: most likely wrong: {found}",
+    long="GPS WATCH: {found}",
+    over="GPS and ranges agree again",
 )
 HAND_BACK = Condition("hand_back", long="HAND-BACK: {found}")
 SURVEY_STOPPED = Condition("survey_stopped", long="SURVEY: {found}")
@@ -11,5 +14,5 @@ RADIUS = Condition(
     "radius",
     short="{found}",
     long="RANGING: {found}. Calibrate the radio: circnav ranging calibrate RUN",
-    over="radius right, as far as known",
+    over="radius error within its limit again",
 )

@@ -21,7 +21,7 @@ MOST = 1000
 """Largest number of ranges used. More are thinned evenly."""
 GAP = 3.0
 """Longest time, s, between the two positions around a range."""
-GUESSED = 150
+FIRST_FIT_RANGES = 150
 """Number of ranges used to compare the starting points."""
 GPS_TIME, SPEED_SIGMA = 100.0, 10.0
 """Correlation time of the GPS error, s. Standard deviation of the target's velocity, per axis, m/s."""
@@ -94,13 +94,15 @@ class Knowledge:
 
 
 @dataclass(frozen=True, slots=True)
-class NotYet:
+class NotLocated:
     """No place could be estimated. why: human-readable reason."""
 
     why: str
 
 
-def locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None = None) -> Place | NotYet:
+def locate(
+    plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None = None
+) -> Place | NotLocated:
     """Return the place at the time of the last range. near: an earlier result, used as a starting point."""
     place = _locate(plane, track, ranges, known, near)
     if known.scale_sigma >= UNCALIBRATED:
@@ -115,13 +117,15 @@ def locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: P
     return free if isinstance(free, Place) and free.scale_found else place
 
 
-def _locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None) -> Place | NotYet:
+def _locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None) -> Place | NotLocated:
     """Return the place for fixed prior knowledge."""
     kept = np.diff(np.maximum.accumulate(track.time), prepend=-np.inf) > 1e-3  # drop repeated and late positions
-    track, heard = Track(track.time[kept], track.east[kept], track.north[kept], track.up[kept]), ranges
-    ranges = _covered(track, heard)
+    track, received = Track(track.time[kept], track.east[kept], track.north[kept], track.up[kept]), ranges
+    ranges = _covered(track, received)
     if len(ranges.r) < LEAST:
-        return NotYet(f"{len(ranges.r)} ranges with positions round them, {LEAST} are needed{_apart(track, heard)}")
+        return NotLocated(
+            f"{len(ranges.r)} ranges with positions before and after them, {LEAST} are needed{_apart(track, received)}"
+        )
     still = _best(plane, track, ranges, known, near)
     newest = ranges.take(ranges.time >= ranges.time[-1] - MOVING_WINDOW)
     if len(newest.r) < LEAST:
@@ -144,7 +148,7 @@ def _locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: 
     return place if place.speed > max(np.sqrt(MOVING) * (place.velocity_sigma or 0.0), SLOWEST) else still
 
 
-def locate_as_it_shows(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> Place | NotYet:
+def locate_as_it_shows(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> Place | NotLocated:
     """Return the place. If the range noise is unknown, take it from a first fit with sigmas ten times larger."""
     if not known.sigma_known:
         rough = locate(plane, track, replace(ranges, sigma=ranges.sigma * 10), known)
@@ -157,12 +161,12 @@ def _apart(track: Track, ranges: Ranges) -> str:
     """Return a hint if ranges and positions do not overlap in time: different clocks or time units. Empty otherwise."""
     if len(ranges.r) < LEAST or len(track.time) < 2:
         return ""
-    of_ranges, of_positions = (f"{time[0]:.6g} .. {time[-1]:.6g} s" for time in (ranges.time, track.time))
+    of_ranges, of_positions = (f"{time[0]:.6g} to {time[-1]:.6g} s" for time in (ranges.time, track.time))
     every = f"one every {float(np.median(np.diff(track.time))):.3g} s"
     return f"; ranges of {of_ranges}, positions of {of_positions}, {every}: one clock, in seconds?"
 
 
-def _moving_starts(track: Track, ranges: Ranges, still: Place | NotYet, near: Place | None) -> Iterator[Array]:
+def _moving_starts(track: Track, ranges: Ranges, still: Place | NotLocated, near: Place | None) -> Iterator[Array]:
     """Yield starting points: the previous place, the stationary result, and a line fitted to the vehicle's track.
 
     The last one assumes that the vehicle circles the target: its mean motion is then the target's.
@@ -183,27 +187,27 @@ def _good(place: Place) -> bool:
     return bool(usual and place.sigma < max(ROUGH * place.range_scale, 3.0))
 
 
-def _best(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None) -> Place | NotYet:
-    """Return the place of a stationary target, or `NotYet` if two places fit."""
+def _best(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None) -> Place | NotLocated:
+    """Return the place of a stationary target, or `NotLocated` if two places fit."""
     problem = _Problem(track, ranges, known)
     if near is not None and not near.moves:
         place = problem.finish(problem.fit(np.array([near.east, near.north])), plane)
         if place is not None and _good(place) and place.noise < 3 * max(near.noise, 0.1):
             return place
-    every = max(1, len(ranges.r) // GUESSED)
+    every = max(1, len(ranges.r) // FIRST_FIT_RANGES)
     rough = _Problem(track, ranges.take(np.arange(0, len(ranges.r), every)), known, nodes=1)
     found = sorted(
         (fit for start in _starts(track, rough.ranges) if (fit := rough.fit(start))), key=lambda fit: fit.cost
     )
     if not found:
-        return NotYet("the ranges fit no place")
+        return NotLocated("no place fits the ranges")
     place = problem.finish(problem.fit(found[0].x[:2]), plane)
     if place is None or not _good(place):
-        return NotYet("the track does not tell where the target is yet: fly a turn")
+        return NotLocated("the track does not determine the target's place yet: fly a turn")
     for other in found[1:]:
         apart = np.hypot(*(other.x[:2] - found[0].x[:2]))
         if apart > SAME * place.sigma + 1.0 and 2 * (other.cost - found[0].cost) < AMBIGUOUS:
-            return NotYet(f"two places {apart:.0f} m apart fit: the track is too straight, fly a turn")
+            return NotLocated(f"two places {apart:.0f} m apart fit the ranges: the track is too straight, fly a turn")
     return place
 
 
@@ -321,7 +325,7 @@ class _Problem:
     def _of_one_length(self, radio: Array, covariance: Array) -> tuple[Array, Array]:
         """Return bias and scale with their covariance, from the prior and the range error at the median length."""
         # On a circle around the target, the computed lengths change only by the GPS error, which the ranges do not
-        # contain. The fit mistakes it for a slope: a scale of 1.07 with a free bias once came out as 0.80 +-0.06.
+        # contain. The fit mistakes it for a slope: a scale of 1.07 with a free bias once resulted in 0.80 ±0.06.
         slope = np.array([1.0, (float(np.median(self.ranges.r)) - radio[0]) / (1 + radio[1])])
         prior = np.diag([self.known.bias_sigma**2, self.known.scale_sigma**2])
         gain = prior @ slope / (slope @ prior @ slope + slope @ covariance @ slope)
@@ -352,7 +356,7 @@ class _Problem:
     def one_sided(self, fit: Fit, sigma: float) -> bool:
         """True if the ranges or the prior reject the height mirrored at the track. sigma: of the height, m."""
         # A level track fits a target as far above it as below it. Near the level of the track the linear covariance is
-        # too small: a UWB radio on a cart once gave -1.5 +-0.7 m for +0.9 m.
+        # too small: a UWB radio on a cart once gave -1.5 ±0.7 m for +0.9 m.
         known, start = self.known, fit.x[: self._own].copy()
         mirror = 2 * float(np.median(self.track.up)) - float(fit.x[U])
         if abs(mirror - fit.x[U]) < sigma:

@@ -78,7 +78,7 @@ class HandBackSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class Given:
+class SentPosition:
     """Position sent to the autopilot. by: "ranges" or "dead reckoning". answer: autopilot's answer. off: distance to
     the position that the vehicle reported afterwards, m."""
 
@@ -92,7 +92,7 @@ class Given:
 
 
 @dataclass(frozen=True, slots=True)
-class Where:
+class PositionEstimate:
     """Estimated position of the vehicle. east, north, sigma: m on the plane. wind: m/s, east + j north.
 
     scale: true over measured airspeed. by_ranges: True if ranges were used.
@@ -111,13 +111,13 @@ class Health:
     """Position status reported by the autopilot."""
 
     def __init__(self) -> None:
-        self._said: dict[str, tuple[bool, float]] = {}
+        self._reported: dict[str, tuple[bool, float]] = {}
 
-    def hear(self, message: Message, now: float) -> None:
+    def on_message(self, message: Message, now: float) -> None:
         """Process a message of RECEIVERS or FUSES."""
         kind = message.get_type()
         good = message.fix_type >= FIX_3D if kind in RECEIVERS else bool(message.flags & FUSES[kind])
-        self._said[kind] = good, now
+        self._reported[kind] = good, now
 
     def has_fix(self, now: float) -> bool:
         """True if a GPS receiver reports a 3D fix."""
@@ -128,14 +128,14 @@ class Health:
         """True if a receiver has a fix or the estimator fuses an absolute position. False if both report none. None if
         a report is missing."""
         fresh = self._fresh(now)
-        heard = RECEIVERS[0] in fresh and not FUSES.keys().isdisjoint(fresh)
-        return True if any(fresh.values()) else False if heard else None
+        received = RECEIVERS[0] in fresh and not FUSES.keys().isdisjoint(fresh)
+        return True if any(fresh.values()) else False if received else None
 
     def _fresh(self, now: float) -> dict[str, bool]:
-        return {kind: good for kind, (good, at) in self._said.items() if now - at <= SILENT}
+        return {kind: good for kind, (good, at) in self._reported.items() if now - at <= SILENT}
 
 
-class Mean:
+class RunningMean:
     """Running mean with exponential forgetting. memory: time constant, s."""
 
     def __init__(self, memory: float) -> None:
@@ -152,7 +152,7 @@ class Mean:
         self.value += dt / max(self.over, 1e-3) * (value - self.value)
 
 
-class CompassBias(Mean):
+class CompassBias(RunningMean):
     """Mean difference between bearings by compass and by GPS, as unit vectors. Updated while GPS is available."""
 
     def __init__(self) -> None:
@@ -164,31 +164,31 @@ class CompassBias(Mean):
         return (phase(self.value), COMPASS_SIGMA) if self.over > 10.0 else (0.0, 3 * COMPASS_SIGMA)
 
 
-class Wind(Mean):
+class Wind(RunningMean):
     """Mean wind from the filter's drift, m/s, east + j north. Restarts after a lasting change."""
 
     def __init__(self) -> None:
         super().__init__(WIND_MEMORY)
-        self._other = Mean(WIND_MEMORY)
+        self._other = RunningMean(WIND_MEMORY)
 
     def learn(self, value: complex, now: float) -> None:
         if abs(value - self.value) <= WIND_CHANGED:
-            self._other = Mean(WIND_MEMORY)
+            self._other = RunningMean(WIND_MEMORY)
         else:
             self._other.learn(value, now)
         super().learn(value, now)
         if self._other.over >= CHANGED_FOR:
             self.value, self.over = self._other.value, self._other.over
-            self._other = Mean(WIND_MEMORY)
+            self._other = RunningMean(WIND_MEMORY)
 
 
 class DeadReckoning:
     """Vehicle position from the target's place, ranges and compass. Without ranges: from airspeed, heading and wind."""
 
     def __init__(self) -> None:
-        self.where: Where | None = None
+        self.where: PositionEstimate | None = None
         self.compass = CompassBias()
-        self._wind, self._scale = Wind(), Mean(SCALE_MEMORY)
+        self._wind, self._scale = Wind(), RunningMean(SCALE_MEMORY)
         self._air: complex = 0j
         """Last known velocity through the air, m/s, east + j north."""
         self._strayed = 0.0
@@ -208,12 +208,12 @@ class DeadReckoning:
             self.where = flown
             return
         relative = estimate.relative
-        if relative is not None and relative.trusted and self._believes(relative, target, flown):
+        if relative is not None and relative.trusted and self._accepts(relative, target, flown):
             self._ranged(now, target, relative)
         elif flown is not None:
             self.where = _at_distance(estimate.r, target, flown)
 
-    def _believes(self, relative: RelativeMotion, target: Place, flown: Where | None) -> bool:
+    def _accepts(self, relative: RelativeMotion, target: Place, flown: PositionEstimate | None) -> bool:
         """True if the filter's position is better than dead reckoning."""
         # On a straight flight away from the target, ranges give no bearing: the filter then extrapolates with the last
         # drift. Prefer dead reckoning there, unless both differ by so much that the wind must have changed.
@@ -233,9 +233,9 @@ class DeadReckoning:
         self._scale.learn(relative.scale, now)
         self._air, self._strayed = rect(relative.airspeed, relative.heading - bias), relative.sigma
         wind, scale = self._wind.value, self._scale.value.real
-        self.where = Where(now, target.east + way.real, target.north + way.imag, sigma, wind, scale, True)
+        self.where = PositionEstimate(now, target.east + way.real, target.north + way.imag, sigma, wind, scale, True)
 
-    def _flown(self, now: float, before: Where, own: OwnMotion | None) -> Where:
+    def _flown(self, now: float, before: PositionEstimate, own: OwnMotion | None) -> PositionEstimate:
         """Return the position by dead reckoning. Without own motion it assumes a straight flight and a large error."""
         bias, bias_sigma = self.compass.bias
         dt = now - before.time
@@ -250,11 +250,11 @@ class DeadReckoning:
         )  # fmt: skip
 
 
-def _from(target: Place, here: Where) -> complex:
+def _from(target: Place, here: PositionEstimate) -> complex:
     return complex(here.east - target.east, here.north - target.north)
 
 
-def _at_distance(r: float, target: Place, here: Where) -> Where:
+def _at_distance(r: float, target: Place, here: PositionEstimate) -> PositionEstimate:
     """Return the position moved along the line of sight to the measured distance r (m), unless r is implausible."""
     way = _from(target, here)
     if not 0 < abs(r - abs(way)) < AGREE * here.sigma or abs(way) < 1.0:
@@ -268,7 +268,7 @@ class HandBack:
 
     def __init__(self, settings: HandBackSettings) -> None:
         self.settings = settings
-        self.given: list[Given] = []
+        self.given: list[SentPosition] = []
         """Newest positions sent, at most MOST_GIVEN."""
         self.sent = self.accepted = 0
         """Number of positions sent, and number accepted by the autopilot."""
@@ -296,21 +296,21 @@ class HandBack:
         if self.over or self._lost_since is None:
             return f"stopped: {self.ended}" if self.over else ""
         if self._lacks:
-            return f"position lost, none to give: {self._lacks}"
+            return f"position lost, no replacement: {self._lacks}"
         if not self.given or self.given[-1].time < self._lost_since:
             return ""
         newest = self.given[-1]
-        return f"position lost, given by {newest.by}, +-{newest.sigma:.0f} m, {newest.answer}"
+        return f"position lost, sent one from {newest.by}, ±{newest.sigma:.0f} m: {newest.answer}"
 
     def step(
-        self, now: float, *, good: bool | None, where: Where | None, plane: Plane, target: tuple[int, int]
+        self, now: float, *, good: bool | None, where: PositionEstimate | None, plane: Plane, target: tuple[int, int]
     ) -> Message | None:
         """Return the command to send now. good: True if the autopilot has a position, None if unknown."""
         # An unknown status counts as a valid position: never move an autopilot that may have one.
         if good is None or good:
             self._lost_since, self._waits, self._open, self._lacks = None, False, False, ""
             if self.given and not self.over:
-                self.ended = "the autopilot has a position again" if good else "GPS or EKF status is not heard"
+                self.ended = "the autopilot has a position again" if good else "GPS or EKF status is not received"
             return None
         self._lost_since = now if self._lost_since is None else self._lost_since
         if self._waits and now - self.given[-1].time > ANSWER_PATIENCE:
@@ -320,13 +320,13 @@ class HandBack:
         if self.over or self._waits or now - self._lost_since < LOST_FOR or now < self._due:
             return None
         if where is None or where.sigma > MOST_SIGMA:
-            self._lacks = "the target's place is not known" if where is None else "too long without ranges"
+            self._lacks = "the target's place is unknown" if where is None else "no ranges for too long"
             return None
         self._due, self._waits, self._open, self._look_at = now + INTERVAL, True, True, None
         latitude, longitude = map(float, plane.to_degrees(where.east, where.north))
         sigma = max(where.sigma, LEAST_SIGMA)
         by = "ranges" if where.by_ranges else "dead reckoning"
-        self.given.append(Given(now, latitude, longitude, sigma, by))
+        self.given.append(SentPosition(now, latitude, longitude, sigma, by))
         del self.given[:-MOST_GIVEN]
         self.sent += 1
         self.ended, self._lacks = "going on", ""
@@ -351,7 +351,7 @@ class HandBack:
             case _:
                 self._end(f"the autopilot answered: {answer}")
 
-    def reported(self, east: float, north: float, here: Where | None, now: float) -> None:
+    def reported(self, east: float, north: float, here: PositionEstimate | None, now: float) -> None:
         """Process a position reported by the vehicle (m). After an acceptance it must be near the one that was sent."""
         if self._look_at is None or here is None or now < self._look_at:
             return
@@ -360,7 +360,7 @@ class HandBack:
         self.given[-1] = replace(self.given[-1], off=off)
         self._without = self._without + 1 if off > max(EFFECT, 5 * here.sigma) else 0
         if self._without >= MOST_WITHOUT:
-            self._end("positions are accepted, and have no effect")
+            self._end("positions are accepted, but have no effect")
 
     def plain(self) -> dict[str, Any]:
         """Return the fields for summary.json."""

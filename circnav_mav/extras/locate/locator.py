@@ -1,7 +1,7 @@
 """Live target localization: vehicle positions and ranges in, target estimate and its messages out. No socket, no clock.
 
 The survey sends as a separate MAVLink component, so the pilot's frames stay the same, byte for byte. It sends only the
-message types in `SAYS`: none of them moves the vehicle.
+message types in `SENT_TYPES`: none of them moves the vehicle.
 """
 
 from cmath import rect
@@ -15,7 +15,7 @@ import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.extras.locate.conditions import GPS_WATCH, RADIUS
-from circnav_mav.extras.locate.estimator import Knowledge, NotYet, Ranges, Track
+from circnav_mav.extras.locate.estimator import Knowledge, NotLocated, Ranges, Track
 from circnav_mav.extras.locate.export import camera, named_values, orbit_status, own_beacon
 from circnav_mav.extras.locate.handback import (
     FUSES,
@@ -27,7 +27,7 @@ from circnav_mav.extras.locate.handback import (
     Health,
 )
 from circnav_mav.extras.locate.place import Place, Plane
-from circnav_mav.extras.locate.watch import FaultSource, GpsWatch, Look, angle_between
+from circnav_mav.extras.locate.watch import FaultSource, GpsWatch, Observation, angle_between
 from circnav_mav.guidance.types import OwnMotion, RangeSample, RelativeMotion
 from circnav_mav.mav.clocks import BOOT_WRAP, Order, StampFilter
 from circnav_mav.mav.codec import Decoder, Encoder, Message
@@ -45,7 +45,7 @@ WANTED = frozenset({
 STREAMS = {dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0, dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 2.0}
 SECOND = dialect.MAVLINK_MSG_ID_GPS2_RAW
 """Report of a second GPS receiver, which not every vehicle has."""
-SAYS = frozenset({"NAMED_VALUE_FLOAT", "STATUSTEXT", "ORBIT_EXECUTION_STATUS", "RANGING_BEACON", "COMMAND_LONG",
+SENT_TYPES = frozenset({"NAMED_VALUE_FLOAT", "STATUSTEXT", "ORBIT_EXECUTION_STATUS", "RANGING_BEACON", "COMMAND_LONG",
                   "COMMAND_INT"})  # fmt: skip
 """Message types that the survey may send. Commands are limited to COMMANDS."""
 COMMANDS = frozenset({
@@ -62,7 +62,7 @@ GONE = 10.0
 """Age of the newest heartbeat, s, after which no position is handed back."""
 AFTER = {dialect.MAVLINK_MSG_ID_ATTITUDE: 10.0, dialect.MAVLINK_MSG_ID_VFR_HUD: 5.0}
 """Streams for dead reckoning after the pilot has released its own: message id -> Hz."""
-SOLVE_EVERY, TELL_EVERY, TEXT_EVERY = 1.0, 1.0, 30.0
+SOLVE_EVERY, MESSAGES_EVERY, TEXT_EVERY = 1.0, 1.0, 30.0
 """Shortest time, s, between two estimates, two map updates and two texts to the ground station; chosen."""
 SOLVE_SHARE = 0.03
 """Shortest time between two estimates, as a share of the time span of the positions. An estimate takes up to 0.5 s, and
@@ -119,12 +119,12 @@ class Locator:
         self._accepted = 0
         self._gps_sigma = settings.gps_sigma
         self._home = 0.0
-        self._clock = StampFilter(pilot.session.timesync.told, wrap=BOOT_WRAP)
-        self._solve_at = self._tell_at = 0.0
+        self._clock = StampFilter(pilot.session.timesync.delay_increase, wrap=BOOT_WRAP)
+        self._solve_at = self._messages_at = 0.0
         self._solved_to = float("-inf")
-        self._said_at = float("-inf")
-        self._said: Place | None = None
-        self._culprit: FaultSource | None = None
+        self._announced_at = float("-inf")
+        self._announced: Place | None = None
+        self._fault: FaultSource | None = None
         self._aims, self._aimed = settings.camera, False
         self._aimed_at: Place | None = None
         self._alone = self._ended = False
@@ -137,7 +137,7 @@ class Locator:
 
     # --- in ---------------------------------------------------------------------------------------------------------
 
-    def hear(self, link: str, source: Hashable, frames: Iterable[bytes], now: float) -> None:
+    def on_frames(self, link: str, source: Hashable, frames: Iterable[bytes], now: float) -> None:
         """Process complete, trusted frames after the pilot. now: s."""
         session, tracker = self._pilot.session, self._pilot.tracker
         if link == VEHICLE and session.peer is not None and source == session.peer.source:
@@ -146,7 +146,7 @@ class Locator:
                 if header is None or (header.system, header.component) != session.vehicle_ids:
                     continue
                 if self._streams is not None:
-                    self._streams.heard(header.ident)
+                    self._streams.received(header.ident)
                 for message in self._decoder.decode(frame) if header.ident in WANTED else ():
                     self._take(message, now)
         fresh, self._accepted = tracker.accepted - self._accepted, tracker.accepted
@@ -157,7 +157,7 @@ class Locator:
     def _take(self, message: Message, now: float) -> None:
         kind = message.get_type()
         if kind in RECEIVERS or kind in FUSES:
-            self._health.hear(message, now)
+            self._health.on_message(message, now)
         if kind == "GPS_RAW_INT":
             reported = message.h_acc / 1000 / 1.414 if message.h_acc else 0.0  # per axis, m; 0 if not reported
             self._gps_sigma = max(self._settings.gps_sigma, min(reported, 100.0))
@@ -205,7 +205,7 @@ class Locator:
     def _range(self, sample: RangeSample, now: float) -> None:
         if self._ranges and sample.time <= self._ranges[-1][0]:
             return
-        if self.watch.trusts_positions or self.watch.culprit is None:
+        if self.watch.trusts_positions or self.watch.fault is None:
             slant = hypot(sample.r, self._pilot.tracker.height.at(now) or 0.0)
             self._ranges.append((sample.time, slant, max(sample.sigma * sample.r / max(slant, 1e-3), 0.02)))
         while self._ranges and now - self._ranges[0][0] > WINDOW:
@@ -232,10 +232,10 @@ class Locator:
                 off = angle_between((-relative.x, -relative.y), way)
                 bearing_off = off, (relative.sigma + sigma) / hypot(*way) + 0.05
         air = None if own is None else rect(own.airspeed, own.heading)
-        self.watch.see(Look(now, east, north, air, range_off, bearing_off))
+        self.watch.see(Observation(now, east, north, air, range_off, bearing_off))
         if bearing_off is not None and self.watch.trusts_positions:
             self._reckoning.compass.learn(rect(1.0, bearing_off[0]), now)
-        if self.watch.culprit is FaultSource.BEACON and self.place is not None:
+        if self.watch.fault is FaultSource.BEACON and self.place is not None:
             # The beacon has moved, or another beacon answers. Discard the estimate and start again.
             self.place = None
             self._track.clear()
@@ -269,7 +269,7 @@ class Locator:
         known = Knowledge(up=up, up_sigma=sigma, gps_sigma=self._gps_sigma, bias_sigma=self._settings.range_bias_sigma)
         return self.plane, track, ranges, known, self.place
 
-    def found(self, place: Place | NotYet) -> None:
+    def found(self, place: Place | NotLocated) -> None:
         """Process the result of a job. Keep the previous place if none was found."""
         if isinstance(place, Place):
             self.place = place
@@ -327,9 +327,9 @@ class Locator:
         messages: list[Message] = []
         place = None if self.place is None else self.place.at(now)
         whole = not self.only_hand_back
-        if whole and place is not None and now >= self._tell_at:
-            self._tell_at, self.cot_due = now + TELL_EVERY, True
-            messages += self._tell(place, now, mode)
+        if whole and place is not None and now >= self._messages_at:
+            self._messages_at, self.cot_due = now + MESSAGES_EVERY, True
+            messages += self._operator_messages(place, now, mode)
         if mode is not OutputMode.SHADOW:
             messages += self._requests(place, now)
         if whole and mode is not OutputMode.SHADOW:
@@ -337,7 +337,7 @@ class Locator:
             messages += self._announcer.texts(now)
         return [self._encode(message) for message in messages]
 
-    def _tell(self, place: Place, now: float, mode: OutputMode) -> list[Message]:
+    def _operator_messages(self, place: Place, now: float, mode: OutputMode) -> list[Message]:
         messages = named_values(place, now)
         if mode is OutputMode.SHADOW or self._pilot.done:
             return messages
@@ -418,24 +418,24 @@ class Locator:
 
     def _say(self, place: Place | None, now: float) -> None:
         """Queue STATUSTEXT messages: the place when first found and after it moved; the begin and end of alarms."""
-        culprit = self.watch.culprit
-        if culprit is not self._culprit:
-            self._culprit = culprit
-            text = GPS_WATCH.short.format(found=culprit.value) if culprit else GPS_WATCH.over
-            severity = GPS_WATCH.severity if culprit else dialect.MAV_SEVERITY_NOTICE
+        fault = self.watch.fault
+        if fault is not self._fault:
+            self._fault = fault
+            text = GPS_WATCH.short.format(found=fault.value) if fault else GPS_WATCH.over
+            severity = GPS_WATCH.severity if fault else dialect.MAV_SEVERITY_NOTICE
             self._announcer.say("watch", text, severity=severity)
-        if place is None or now - self._said_at < TEXT_EVERY:
+        if place is None or now - self._announced_at < TEXT_EVERY:
             return
-        if self._said is None or place.distance(self._said) > max(place.sigma, 1.0) / 2:
-            self._said_at, self._said = now, place
+        if self._announced is None or place.distance(self._announced) > max(place.sigma, 1.0) / 2:
+            self._announced_at, self._announced = now, place
             sigma = f"{place.sigma:.1f}" if isfinite(place.sigma) else "?"
             self._announcer.say("place", f"target {place.latitude:.6f} {place.longitude:.6f} {sigma} m")
             if place.up_known:  # a second message: the first one has the maximum length
-                self._announcer.say("altitude", f"target altitude {place.up:.1f} +-{place.up_sigma:.1f} m")
+                self._announcer.say("altitude", f"target altitude {place.up:.1f} m, sigma {place.up_sigma:.1f} m")
 
     def _encode(self, message: Message) -> bytes:
         """Return one frame. Raises ValueError if the survey must not send this message."""
         kind = message.get_type()
-        if kind not in SAYS or (kind.startswith("COMMAND") and message.command not in COMMANDS):
-            raise ValueError(f"{kind} must not leave the survey")
+        if kind not in SENT_TYPES or (kind.startswith("COMMAND") and message.command not in COMMANDS):
+            raise ValueError(f"the survey must not send {kind}")
         return self._encoder.encode(message)

@@ -8,7 +8,7 @@ from typing import Any
 
 from circnav_mav.cli.exits import Refused
 from circnav_mav.extras.locate.conditions import GPS_WATCH, HAND_BACK, RADIUS, SURVEY_STOPPED
-from circnav_mav.extras.locate.estimator import NotYet, locate
+from circnav_mav.extras.locate.estimator import NotLocated, locate
 from circnav_mav.extras.locate.export import cursor_on_target, geojson, kml
 from circnav_mav.extras.locate.locator import Locator
 from circnav_mav.extras.locate.place import Place
@@ -23,7 +23,7 @@ from circnav_mav.runtime.onlookers import Onlooker, OnlookerSettings
 HAND_BACK_COLUMNS = "time,latitude_deg,longitude_deg,sigma_m,by,answer,reported_off_m"
 
 
-class Locating(Onlooker):
+class LocateOnlooker(Onlooker):
     """Runs a `Locator`. The estimator has its own process, because an estimate takes longer than a tick. A thread would
     hold the interpreter lock and delay setpoints."""
 
@@ -36,7 +36,7 @@ class Locating(Onlooker):
         self._epoch_us = 0
         self._pool = start_solver()  # start it before the flight
         self._ended = False
-        self._under_way: Future[Place | NotYet] | None = None
+        self._under_way: Future[Place | NotLocated] | None = None
         self._socket = None if cot is None else socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         if self._socket is not None:
             self._socket.setblocking(False)
@@ -64,8 +64,8 @@ class Locating(Onlooker):
             return []
         frames: list[bytes] = []
         try:
-            for link, source, heard in step.heard:
-                self.locator.hear(link, source, heard, step.time)
+            for link, source, received in step.received:
+                self.locator.on_frames(link, source, received, step.time)
             if not step.held_back:
                 frames = self.locator.step(step.time)
                 if not self.locator.only_hand_back:
@@ -110,7 +110,7 @@ class Locating(Onlooker):
             files["handback.csv"] = "\n".join([HAND_BACK_COLUMNS, *rows]) + "\n"
         found = {
             "place": None if place is None else place.plain(),
-            "gps_watch": [{"time_s": round(time, 1), "text": text} for time, text in locator.watch.told],
+            "gps_watch": [{"time_s": round(time, 1), "text": text} for time, text in locator.watch.reported],
             "radius_alarm": locator.radius_alarm or None,
             "handback": None if handback is None else handback.plain(),
         }
@@ -141,7 +141,7 @@ class Locating(Onlooker):
             self._socket.sendto(cursor_on_target(place.at(now), self._target, self._epoch_us, now), self._cot)
 
 
-def open_onlooker(given: OnlookerSettings) -> Locating | None:
+def open_onlooker(given: OnlookerSettings) -> LocateOnlooker | None:
     """Return the survey onlooker, or None if the mission does not enable it. Raises Refused."""
     mission, settings = given.mission, locate_settings(given.mission)
     if settings is None:
@@ -154,4 +154,4 @@ def open_onlooker(given: OnlookerSettings) -> Locating | None:
         except (OSError, UnicodeError) as error:
             raise Refused(f"locate.cot: {host}: {explain(error)}") from None
     locator = Locator(settings, given.pilot, given.signing)
-    return Locating(locator, f"{mission.file.name}.target", cot, waits=mission.flies_sim)
+    return LocateOnlooker(locator, f"{mission.file.name}.target", cot, waits=mission.flies_sim)

@@ -11,7 +11,7 @@ from circnav_mav.extras.locate.place import Place
 def px4(places: Mapping[str, Place]) -> Iterator[str]:
     """Yield commands for PX4's console. PX4 uses these places for RANGING_BEACON messages without a place."""
     yield "# PX4: RNGBC1_* fill the place into RANGING_BEACON messages of this beacon: pull request 28323 of 2026-08,"
-    yield "# not in a release then. Only RNGBC1_ID is named there: compare the others, param show RNGBC*"
+    yield "# not in a release then. Only RNGBC1_ID is named there: compare the others with param show RNGBC*"
     for number, (tag, place) in enumerate(places.items(), 1):
         prefix = f"RNGBC{number}"
         ident = re.match(r"beacon (\d+)", tag)
@@ -43,7 +43,7 @@ def ardupilot(places: Mapping[str, Place]) -> Iterator[str]:
 def _altitude(place: Place, line: str, prefix: str) -> str:
     if place.up_known:
         return line.format(prefix, place.up)
-    return f"# {prefix.rstrip('_')}_ALT: the height is not observable in this log; give it by hand, m above sea level"
+    return f"# {prefix.rstrip('_')}_ALT: the height is not observable in this log; set it yourself, m above sea level"
 
 
 def _rounding(place: Place) -> str:
@@ -51,7 +51,7 @@ def _rounding(place: Place) -> str:
     kept = (float(np.float32(place.latitude)), float(np.float32(place.longitude)))
     east, north = place.plane.to_metres(*kept)
     lost = float(np.hypot(east - place.east, north - place.north))
-    return f"+-{place.sigma:.1f} m; as 32-bit numbers the coordinates are {lost:.1f} m off"
+    return f"sigma {place.sigma:.1f} m; 32-bit numbers change the coordinates by {lost:.1f} m"
 
 
 PARAMETERS: Mapping[str, Callable[[Mapping[str, Place]], Iterator[str]]] = {"px4": px4, "ardupilot": ardupilot}

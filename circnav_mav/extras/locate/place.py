@@ -189,12 +189,12 @@ class Place:
 
     def words(self) -> str:
         """Return a human-readable line."""
-        height = f"altitude {self.up:.1f} +-{self.up_sigma:.1f} m" if self.up_known else "height not observable"
+        height = f"altitude {self.up:.1f} ±{self.up_sigma:.1f} m" if self.up_known else "height not observable"
         moves = ""
         if self.velocity_sigma is not None:
-            moves = f", moves {self.speed:.1f} +-{self.velocity_sigma:.1f} m/s towards {self.course:03.0f} deg"
-        return f"{self.latitude:.7f} {self.longitude:.7f} +-{self.sigma:.1f} m{moves}, {height}"
+            moves = f", moves {self.speed:.1f} ±{self.velocity_sigma:.1f} m/s towards {self.course:03.0f} deg"
+        return f"{self.latitude:.7f} {self.longitude:.7f} ±{self.sigma:.1f} m{moves}, {height}"
 
 
-NOT_OBSERVABLE = "not observable: one circle cannot tell it from a range bias; fly a second radius or height"
-NO_SCALE = "scale taken as 1: the ranges do not contradict it"
+NOT_OBSERVABLE = "not observable: one circle cannot separate it from a range bias; fly a second radius or height"
+NO_SCALE = "scale 1 assumed: the ranges do not contradict it"

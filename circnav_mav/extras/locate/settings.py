@@ -20,7 +20,7 @@ def _host_and_port(given: str) -> str:
     """Return a valid UDP address, host:port. Raises PydanticCustomError."""
     host, _, port = given.rpartition(":")
     if not host or ":" in host or not host.isprintable() or not port.isdecimal() or not 0 < int(port) <= MOST_PORT:
-        raise PydanticCustomError("host", f'must be host:port, port 1 .. {MOST_PORT}, such as "239.2.3.1:6969"')
+        raise PydanticCustomError("host", f'must be host:port, port 1 to {MOST_PORT}, such as "239.2.3.1:6969"')
     return given
 
 
@@ -35,7 +35,7 @@ class LocateTable(Table):
 
 
 class HandBackTable(Table):
-    """[handback]: telling an autopilot that has lost its position where it is."""
+    """[handback]: positions for an autopilot that has lost its own."""
 
     enabled: bool = False
     latitude_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
@@ -78,4 +78,4 @@ def check_tables(mission: Mission) -> Iterator[Check]:
     if given and not (locate.enabled or back.enabled):
         yield Check(WARN, "locate", f"{', '.join(given)}: without effect, set locate.enabled = true")
     if locate.camera and mission.file.vehicle.kind == "copter":
-        yield Check(FAIL, "locate", "locate.camera = true: a copter turns its nose to the target, leave it out")
+        yield Check(FAIL, "locate", "locate.camera = true: a copter turns its nose to the target, omit it")

@@ -34,7 +34,7 @@ class BetterUnit:
     def __str__(self) -> str:
         better = f" {self.gain:.1f} times better" if self.gain else ""
         way = f"in {self.unit}, not in m" if self.unit in METERS else f"multiplied by {self.unit}"
-        return f"the ranges fit{better} {way}: {self.place.words()}. If that is right, give --units {self.unit}"
+        return f"the ranges fit{better} {way}: {self.place.words()}. If this is correct, give --units {self.unit}"
 
 
 def is_plausible(place: Place, known: Knowledge) -> bool:

@@ -39,7 +39,7 @@ class FaultSource(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class Observation:
     """Values compared at one time (s). east, north: position, m. air: velocity through the air, m/s, east + j north,
     None if unknown. range_off: measured minus predicted range and its standard deviation, m. bearing_off: bearing of
     the target by compass minus by position and its standard deviation, rad. Both are None if not available."""
@@ -56,11 +56,11 @@ class GpsWatch:
     """Compares every reported position with the other sources."""
 
     def __init__(self) -> None:
-        self.culprit: FaultSource | None = None
+        self.fault: FaultSource | None = None
         """Most likely faulty source now."""
         self.alarm = ""
         """Human-readable description of a lasting disagreement, or empty."""
-        self._looks: deque[Look] = deque()
+        self._looks: deque[Observation] = deque()
         self._wind: complex | None = None
         """Wind, m/s, east + j north."""
         self._gusts = 1.0
@@ -68,15 +68,15 @@ class GpsWatch:
         self._failing: dict[str, float] = {}
         self._way_failed_at = float("-inf")
         self._calm_since: float | None = None
-        self.told: list[tuple[float, str]] = []
+        self.reported: list[tuple[float, str]] = []
         """Alarms so far: begin, s, and first text of each."""
 
     @property
     def trusts_positions(self) -> bool:
         """True if reported positions may be used for the target estimate."""
-        return "range" not in self._failing and self.culprit is not FaultSource.GPS
+        return "range" not in self._failing and self.fault is not FaultSource.GPS
 
-    def see(self, look: Look) -> None:
+    def see(self, look: Observation) -> None:
         """Compare the values at one time and update the alarm."""
         self._looks.append(look)
         while self._looks[-1].time - self._looks[0].time > SPAN:
@@ -114,25 +114,27 @@ class GpsWatch:
         self._gusts += share * (off - self._gusts)
         self._wind += share * (wind - self._wind)
 
-    def _judge(self, look: Look) -> None:
+    def _judge(self, look: Observation) -> None:
         lasting = {name for name, since in self._failing.items() if look.time - since >= PATIENCE}
         if not lasting:
             self._calm_since = look.time if self._calm_since is None else self._calm_since
             if look.time - self._calm_since > CALM:
-                self.culprit, self.alarm = None, ""
+                self.fault, self.alarm = None, ""
             return
         self._calm_since = None
         # A jump of the position fails the velocity comparison only once. Attribute range errors to the GPS for a while.
-        jumped = look.time - self._way_failed_at < RECENT or self.culprit is FaultSource.GPS
+        jumped = look.time - self._way_failed_at < RECENT or self.fault is FaultSource.GPS
         by_range = FaultSource.GPS if jumped else FaultSource.BEACON
-        culprit = by_range if "range" in lasting else FaultSource.COMPASS
-        off, _ = (look.bearing_off if culprit is FaultSource.COMPASS else look.range_off) or (0.0, 0.0)
-        self.alarm = f"range and GPS disagree by {abs(off):.0f} m: {culprit.value} likeliest"
-        if culprit is FaultSource.COMPASS:
-            self.alarm = f"compass and GPS disagree by {degrees(abs(off)):.0f} deg of bearing: compass likeliest"
-        if culprit is not self.culprit:
-            self.told.append((look.time, self.alarm))
-        self.culprit = culprit
+        fault = by_range if "range" in lasting else FaultSource.COMPASS
+        off, _ = (look.bearing_off if fault is FaultSource.COMPASS else look.range_off) or (0.0, 0.0)
+        self.alarm = f"range and GPS disagree by {abs(off):.0f} m: most likely wrong: {fault.value}"
+        if fault is FaultSource.COMPASS:
+            self.alarm = (
+                f"compass and GPS disagree by {degrees(abs(off)):.0f} deg of bearing: most likely wrong: compass"
+            )
+        if fault is not self.fault:
+            self.reported.append((look.time, self.alarm))
+        self.fault = fault
 
 
 def angle_between(first: tuple[float, float], second: tuple[float, float]) -> float:

@@ -9,7 +9,7 @@ from circnav_mav.cli.exits import Exit, refusing, say
 from circnav_mav.guidance.white_noise import bulk_sigma
 from circnav_mav.mav.clocks import quick_span, span_speed
 from circnav_mav.mission.preflight_ranging import outliers_among, residuals_of
-from circnav_mav.pilot.survey import RangeHeard
+from circnav_mav.pilot.preflight_listener import ReceivedRange
 from circnav_mav.runtime.clock import Clock
 from circnav_mav.runtime.endpoint import LinkError
 from circnav_mav.runtime.radio_link import RadioLink, open_radio
@@ -17,7 +17,7 @@ from circnav_mav.runtime.runner import StopRequest, wait
 
 PERIOD, SPAN = 1.0, 10.0
 """Time between two lines, s, and time span that each line summarizes, s."""
-MOST_HEARD, MOST_BEACONS = 20_000, 32
+MOST_KEPT, MOST_BEACONS = 20_000, 32
 """Largest numbers of ranges per beacon and of beacons. They bound the memory: the link is not authenticated."""
 FEW = 5
 """Smallest number of ranges for scatter and clock."""
@@ -30,32 +30,32 @@ def watch_radio(endpoint: str, seconds: float | None) -> int:
     with refusing(endpoint, LinkError):
         link = open_radio(endpoint)
     with closing(link):
-        heard = _listen(link, seconds or inf)
+        received = _listen(link, seconds or inf)
         for words, count in link.troubles.items():
             if count > 1:
                 say(f"  WARNING    {words} ({count} times)")
-    return Exit.DONE if heard else Exit.NOTHING_HEARD
+    return Exit.DONE if received else Exit.NOTHING_RECEIVED
 
 
 def _listen(link: RadioLink, seconds: float) -> bool:
     """Print the lines, and each new trouble once. Return True if any range was received."""
-    beacons: dict[int, deque[RangeHeard]] = {}
-    told: set[str] = set()
+    beacons: dict[int, deque[ReceivedRange]] = {}
+    shown: set[str] = set()
     clock, stop = Clock(), StopRequest()
     due, now = PERIOD, 0.0
     while now < seconds and stop.signal_name is None:
         wait({"radio": link}, stop, min(clock.until(due), clock.longest_wait))
         readings = link.read(now)
         now = clock.now()
-        for words in link.troubles.keys() - told:
-            told.add(words)
+        for words in link.troubles.keys() - shown:
+            shown.add(words)
             say(f"  WARNING    {words}")
         for reading, _ in readings:
             measured = isfinite(reading.range) and reading.range > 0
             if measured and (reading.beacon in beacons or len(beacons) < MOST_BEACONS):
                 stamp = now if reading.stamp is None else reading.stamp
-                heard = RangeHeard(stamp, stamp, now, reading.range, reading.sigma or 0.0)
-                beacons.setdefault(reading.beacon, deque(maxlen=MOST_HEARD)).append(heard)
+                received = ReceivedRange(stamp, stamp, now, reading.range, reading.sigma or 0.0)
+                beacons.setdefault(reading.beacon, deque(maxlen=MOST_KEPT)).append(received)
         if now >= due:
             due += PERIOD
             for line in _lines(beacons, now):
@@ -63,7 +63,7 @@ def _listen(link: RadioLink, seconds: float) -> bool:
     return bool(beacons)
 
 
-def _lines(beacons: dict[int, deque[RangeHeard]], now: float) -> list[str]:
+def _lines(beacons: dict[int, deque[ReceivedRange]], now: float) -> list[str]:
     if not beacons:
         return ["no range yet"]
     for ranges in beacons.values():
@@ -72,7 +72,7 @@ def _lines(beacons: dict[int, deque[RangeHeard]], now: float) -> list[str]:
     return [_describe(beacon, list(ranges), now) for beacon, ranges in sorted(beacons.items())]
 
 
-def _describe(beacon: int, ranges: list[RangeHeard], now: float) -> str:
+def _describe(beacon: int, ranges: list[ReceivedRange], now: float) -> str:
     """Return a line: rate, newest range, scatter, outliers, longest gap and clock."""
     silent = now - ranges[-1].arrival
     gap = max([silent, *(after.arrival - before.arrival for before, after in pairwise(ranges))])
@@ -86,7 +86,7 @@ def _describe(beacon: int, ranges: list[RangeHeard], now: float) -> str:
     return "  ".join(words)
 
 
-def _clock(ranges: list[RangeHeard]) -> str:
+def _clock(ranges: list[ReceivedRange]) -> str:
     """Return the speed of the radio's clock and the jitter of the ranges, as text."""
     if all(one.stamp == one.arrival for one in ranges):
         return "no clock"
@@ -94,4 +94,4 @@ def _clock(ranges: list[RangeHeard]) -> str:
     assert span is not None
     delays = sorted(one.arrival - one.stamp for one in ranges)
     jitter = delays[int(0.95 * (len(delays) - 1))] - delays[0]
-    return f"clock {span_speed(span):.4f} of ours, jitter {1000 * jitter:.0f} ms"
+    return f"clock {span_speed(span):.4f} times our speed, jitter {1000 * jitter:.0f} ms"

@@ -18,16 +18,16 @@ def ranging() -> None:
 @command(
     "circnav_mav.extras.radios.command:watch_radio",
     group=ranging,
-    short_help="Show what a radio measures, a line a second.",
+    short_help="Print the ranges of a radio, one line per second.",
 )
 @click.argument("endpoint", metavar="DRIVER:PORT")
-@click.option("--seconds", type=Finite(1), metavar="N", help="How long. [default: until Ctrl-C]")
+@click.option("--seconds", type=Finite(1), metavar="N", help="Duration. [default: until Ctrl-C]")
 def watch() -> None:
     """Show what a radio measures: a line a second for each beacon, over the last ten seconds.
 
     DRIVER is dwm1001, lines, linktrack or one of an installed package; PORT a device (/dev/ttyUSB0, or with its baud
     rate /dev/ttyUSB0:115200) or an endpoint (udpin:0.0.0.0:5005, tcp:HOST:PORT). A mission takes the same as its
-    ranging.endpoint. Exit codes: 0 ranges were heard, 2 no such driver or port, 3 none were heard.
+    ranging.endpoint. Exit codes: 0 ranges received, 2 no such driver or port, 3 none received.
 
     \b
     Examples:

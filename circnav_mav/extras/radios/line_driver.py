@@ -23,7 +23,7 @@ class LineDriver(Driver):
         self.unread = 0
         self._rest = b""
         self._whole = False
-        self._heard_at = float("-inf")
+        self._received_at = float("-inf")
 
     @abstractmethod
     def read_line(self, line: str) -> Sequence[RadioReading] | None:
@@ -31,9 +31,9 @@ class LineDriver(Driver):
 
     def receive(self, data: bytes, now: float) -> list[RadioReading]:
         # "3.4" may be the end of "123.4". Discard input before the first line end and after a pause within a line.
-        if self._rest and now - self._heard_at > PAUSE:
+        if self._rest and now - self._received_at > PAUSE:
             self._rest, self._whole = b"", False
-        self._heard_at = now
+        self._received_at = now
         *lines, self._rest = _LINE_END.split(self._rest + data)
         if len(self._rest) > LONGEST_LINE:
             self.unread += len(self._rest)

@@ -29,7 +29,7 @@ from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog.metrics import TOLERANCE
 from circnav_mav.runtime.clock import utc_minute
 from circnav_mav.runtime.onlookers import Onlooker, Onlookers, OnlookerSettings
-from circnav_mav.runtime.status import SILENCED, Status, Watch, told
+from circnav_mav.runtime.status import SILENCED, Status, StatusSource, status_facts
 
 HOST = "127.0.0.1"
 LINES_A_SECOND = 10
@@ -41,6 +41,8 @@ AWAY = 30.0
 or to reconnect a tunnel."""
 LONGEST_TEXT = 300
 """Maximum length of a text on the page, characters. Chosen: only external names are longer."""
+MOST_VEHICLES = 20
+"""Maximum number of other vehicles on the page: a line of the feed must fit into PIPE_BUF bytes."""
 NEEDED = ("starlette", "uvicorn")
 PAGE_SPEED = 6.0
 """Default speed of the bundled vehicle with the live page, times real time."""
@@ -71,9 +73,9 @@ class LivePage(Onlooker):
         missing = [package for package in NEEDED if importlib.util.find_spec(package) is None]
         if missing:
             raise WebError(f"--web needs the package {' and '.join(missing)}: pip install {' '.join(missing)}")
-        self._watch, self._settings = Watch(pilot, onlookers), pilot.settings
+        self._watch, self._settings, self._onlookers = StatusSource(pilot, onlookers), pilot.settings, onlookers
         self._period, self._due = speed / LINES_A_SECOND, 0.0
-        self._hears_truth, self._truth = truth, b""
+        self._receives_truth, self._truth = truth, b""
         self._place: tuple[float | None, float | None] = (None, None)
         with _listener(port) as listener:
             self.url = f"http://{HOST}:{listener.getsockname()[1]}/"
@@ -81,12 +83,12 @@ class LivePage(Onlooker):
         assert self._process.stdin is not None
         self._pipe: int | None = self._process.stdin.fileno()
         os.set_blocking(self._pipe, False)
-        self._tell({"kind": "flight", **_facts(pilot, name, tolerance)})
+        self._queue_event({"kind": "flight", **_facts(pilot, name, tolerance)})
 
     def on_step(self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None) -> Sequence[bytes]:
         """Send the newest tick if an update is due."""
-        if self._hears_truth:
-            for _, _, frames in step.heard:
+        if self._receives_truth:
+            for _, _, frames in step.received:
                 self._truth = next(filter(is_truth_frame, frames), self._truth)
         if newest is None or (step.time < self._due and newest.phase is not Phase.ENDED):
             return ()
@@ -95,14 +97,16 @@ class LivePage(Onlooker):
         if place is not None and all(map(isfinite, place)):  # any sender may have made a frame with NaN
             self._place = place
         status, (east, north) = self._watch.status(newest, step.time, recording_problem), map(_plain, self._place)
-        self._tell({"kind": "tick", **_tick(status, self._settings), "east": east, "north": north})
+        others = self._onlookers.vehicles(step.time)[:MOST_VEHICLES]
+        tick = _tick(status, self._settings) | {"east": east, "north": north, "vehicles": _plain(others)}
+        self._queue_event({"kind": "tick", **tick})
         return ()
 
     def show_verdict(self, verdict: str, folder: Path) -> None:
         """Send the verdict and the path of the report. Wait up to STOP_PATIENCE for room in the pipe."""
         if self._pipe is not None:
             select.select([], [self._pipe], [], STOP_PATIENCE)
-            self._tell({"kind": "end", "verdict": verdict, "report": str(folder.absolute() / "report.html")})
+            self._queue_event({"kind": "end", "verdict": verdict, "report": str(folder.absolute() / "report.html")})
 
     def close(self) -> None:
         """End the feed. A server that a browser still uses stays by itself, and has closed its stdout."""
@@ -120,7 +124,7 @@ class LivePage(Onlooker):
         process.stdout.close()
         process.poll()
 
-    def _tell(self, what: dict[str, Any]) -> None:
+    def _queue_event(self, what: dict[str, Any]) -> None:
         """Write a line to the pipe, or drop it. Up to PIPE_BUF bytes are written atomically, so no line is partial."""
         line = json.dumps(what, allow_nan=False).encode() + b"\n"
         if self._pipe is None or len(line) > select.PIPE_BUF:
@@ -166,7 +170,7 @@ def _listener(port: int) -> socket.socket:
             return socket.create_server((HOST, port))
     except OSError as error:
         why = os.strerror(error.errno or 0)
-        raise WebError(f"--web {port}: {HOST}:{port} cannot be had: {why}; choose another port") from None
+        raise WebError(f"--web {port}: {HOST}:{port} cannot be used: {why}; choose another port") from None
 
 
 def _serve(listener: socket.socket) -> "subprocess.Popen[bytes]":
@@ -211,7 +215,7 @@ def _tick(status: Status, settings: PilotSettings) -> dict[str, Any]:
         "now": status.time,
         "state": status.phase,
         "alarms": [alarm[:LONGEST_TEXT] for alarm in status.alarms],
-        "facts": {name: fact[:LONGEST_TEXT] for name, fact in told(status, settings).items()},
+        "facts": {name: fact[:LONGEST_TEXT] for name, fact in status_facts(status, settings).items()},
     }
     return {name: _plain(value) for name, value in (status.tick._asdict() | about).items()}
 
@@ -219,6 +223,8 @@ def _tick(status: Status, settings: PilotSettings) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {name: _plain(part) for name, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(part) for part in value]
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, float):

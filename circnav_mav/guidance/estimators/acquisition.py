@@ -19,7 +19,7 @@ from circnav_mav.guidance.maths import Batch
 
 UNKNOWNS = 5
 """Position (2), drift (2) and airspeed scale."""
-GUESSES = 32
+CANDIDATES = 32
 """Initial hypotheses of a search, equally spaced in bearing on a circle with the radius of the first range."""
 MOST_DAMPING, LEAST_DAMPING = 1e6, 1e-4
 """Bounds of the Levenberg-Marquardt damping: almost no step, and almost Gauss-Newton; chosen."""
@@ -73,16 +73,16 @@ class Prior:
         return (x[..., 2] - self.dx) ** 2 + (x[..., 3] - self.dy) ** 2
 
 
-class Guesses(NamedTuple):
+class Candidates(NamedTuple):
     """M hypotheses for each of B flights: current p, d, kappa in x (B, M, 5), their cost (B, M) and damping (B, M)."""
 
     x: Batch
     cost: Batch
     damping: Batch
 
-    def some(self, of: Batch) -> "Guesses":
+    def some(self, of: Batch) -> "Candidates":
         """Return the hypotheses of the selected flights."""
-        return Guesses(*(part[of] for part in self))
+        return Candidates(*(part[of] for part in self))
 
 
 class Acquisition:
@@ -95,10 +95,10 @@ class Acquisition:
         self._prior, self.remembers = known or self._nothing_known(), known is not None
         self.at = np.zeros(0, int)
         self.most_likely = np.zeros(0, int)
-        self._guesses = all_round(np.zeros(0), self._prior)
-        self._guessed = np.zeros(flights), np.zeros((2, flights))
+        self._candidates = all_round(np.zeros(0), self._prior)
+        self._advanced = np.zeros(flights), np.zeros((2, flights))
 
-    def hear(self, dt: Batch, chord: Batch, z: Batch, sigma: Batch, valid: Batch) -> Batch:
+    def observe(self, dt: Batch, chord: Batch, z: Batch, sigma: Batch, valid: Batch) -> Batch:
         """Advance time and path, and add the valid ranges. Return True, (B,), for flights with a newly closed bin:
         their search is due."""
         return self._window.add(dt, chord, z, sigma, valid)
@@ -112,8 +112,8 @@ class Acquisition:
         self._carry()
         self.at = np.concatenate([self.at, at])
         self.most_likely = np.concatenate([self.most_likely, np.zeros(at.size, int)])
-        both = zip(self._guesses, all_round(r, self._prior), strict=True)
-        self._guesses = Guesses(*(np.concatenate(parts) for parts in both))
+        both = zip(self._candidates, all_round(r, self._prior), strict=True)
+        self._candidates = Candidates(*(np.concatenate(parts) for parts in both))
 
     def go_on(self, due: Batch, sigma: Batch) -> tuple[Batch, Batch, Batch] | None:
         """Improve the hypotheses of the flights that are due, and end the searches that have a unique solution.
@@ -126,10 +126,10 @@ class Acquisition:
         if not of.size:
             return None
         at, flights = self.at[of], np.arange(of.size)
-        bins, filled, g = self._window.bins(at, sigma), self._window.filled(at), self._guesses.some(of)
+        bins, filled, g = self._window.bins(at, sigma), self._window.filled(at), self._candidates.some(of)
         for _ in range(ITERATIONS):
             g = improve(g, bins, self._prior)
-        all_ = self._guesses
+        all_ = self._candidates
         all_.x[of], all_.cost[of], all_.damping[of] = g.x, g.cost, g.damping
         best = g.cost.argmin(axis=1)
         better = g.cost[flights, best] < g.cost[flights, self.most_likely[of]] - SWITCH
@@ -148,15 +148,15 @@ class Acquisition:
         if not found.any():
             return None
         stay = np.delete(np.arange(self.at.size), of[found])
-        self._guesses = self._guesses.some(stay)
+        self._candidates = self._candidates.some(stay)
         self.at, self.most_likely = self.at[stay], self.most_likely[stay]
         return at[found], x[found].T, np.moveaxis(P[found], 0, -1)
 
     def most_likely_states(self) -> Batch:
         """Return the most likely hypothesis of each search, predicted to now, (5, n). It is not confirmed: good enough
         to try, not to trust."""
-        then, path = self._guessed
-        x = self._guesses.x[np.arange(self.at.size), self.most_likely].T
+        then, path = self._advanced
+        x = self._candidates.x[np.arange(self.at.size), self.most_likely].T
         step = (self._window.path - path)[:, self.at]
         p = x[:2] + x[4] * step + x[2:4] * (self._window.now - then)[self.at]
         return np.concatenate([p, x[2:]])
@@ -166,24 +166,24 @@ class Acquisition:
 
     def _carry(self) -> None:
         """Predict the hypotheses to now, along the path flown since."""
-        (then, before), g = self._guessed, self._guesses
-        self._guessed = self._window.now, self._window.path
+        (then, before), g = self._advanced, self._candidates
+        self._advanced = self._window.now, self._window.path
         dt, path = (self._window.now - then)[self.at], (self._window.path - before)[:, self.at]
         x = g.x.copy()
         x[..., 0] += x[..., 4] * path[0][:, None] + x[..., 2] * dt[:, None]
         x[..., 1] += x[..., 4] * path[1][:, None] + x[..., 3] * dt[:, None]
-        self._guesses = Guesses(x, g.cost, g.damping)
+        self._candidates = Candidates(x, g.cost, g.damping)
 
 
-def all_round(r: Batch, prior: Prior) -> Guesses:
+def all_round(r: Batch, prior: Prior) -> Candidates:
     """Return hypotheses in all directions at ranges r (B,), with the prior's drift and airspeed scale."""
-    angle = 2 * np.pi * (np.arange(GUESSES) + 0.5) / GUESSES
-    x = np.zeros((r.size, GUESSES, UNKNOWNS)) + prior.mean
+    angle = 2 * np.pi * (np.arange(CANDIDATES) + 0.5) / CANDIDATES
+    x = np.zeros((r.size, CANDIDATES, UNKNOWNS)) + prior.mean
     x[..., 0], x[..., 1] = r[:, None] * np.cos(angle), r[:, None] * np.sin(angle)
-    return Guesses(x, np.full((r.size, GUESSES), np.inf), np.ones((r.size, GUESSES)))
+    return Candidates(x, np.full((r.size, CANDIDATES), np.inf), np.ones((r.size, CANDIDATES)))
 
 
-def improve(g: Guesses, bins: Bins, prior: Prior) -> Guesses:
+def improve(g: Candidates, bins: Bins, prior: Prior) -> Candidates:
     """Return the hypotheses after one Levenberg-Marquardt iteration. A step that does not lower the cost is undone, and
     its damping raised."""
     cost, A, b = _normal_equations(g.x, bins, prior)
@@ -192,7 +192,7 @@ def improve(g: Guesses, bins: Bins, prior: Prior) -> Guesses:
     better = _penalty(_residual(x, bins)[0]) + prior.cost(x)
     pays = better < cost
     damping = np.clip(np.where(pays, g.damping / 5, g.damping * 5), LEAST_DAMPING, MOST_DAMPING)
-    return Guesses(np.where(pays[..., None], x, g.x), np.where(pays, better, cost), damping)
+    return Candidates(np.where(pays[..., None], x, g.x), np.where(pays, better, cost), damping)
 
 
 def covariance(x: Batch, bins: Bins, prior: Prior) -> Batch:

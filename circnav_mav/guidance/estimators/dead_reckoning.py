@@ -12,7 +12,7 @@ import numpy as np
 
 from circnav_mav.guidance.estimators import relative_ekf as ekf
 from circnav_mav.guidance.maths import Array, chord_parts, wrap
-from circnav_mav.guidance.types import FeltVelocity, OwnMotion
+from circnav_mav.guidance.types import IntegratedAcceleration, OwnMotion
 
 KEPT = 64
 """Reports kept: more than 1 s at the highest rate. Ranges are newer than that."""
@@ -38,19 +38,19 @@ class PathPoint(NamedTuple):
     report: OwnMotion | None = None
 
     def carried(self, motion: OwnMotion, airspeed: float, turned: float, step: float) -> "PathPoint":
-        """Return the knot of a motion `step` seconds later, after an arc that turns by `turned` (rad)."""
+        """Return the point of a motion `step` seconds later, after an arc that turns by `turned` (rad)."""
         heading = self.motion.heading
         x, y = chord_parts(airspeed, heading, turned, step)
         nose_x, nose_y = _along(heading + turned / 2, step)  # midpoint rule
         return PathPoint(motion, self.x + x, self.y + y, self.piece, self.nose_x + nose_x, self.nose_y + nose_y)
 
-    def felt_since(self, before: "PathPoint") -> ekf.Felt | None:
-        """Return the accelerations measured since an earlier knot, or None if they do not cover this interval."""
+    def velocity_change_since(self, before: "PathPoint") -> ekf.VelocityChange | None:
+        """Return the accelerations measured since an earlier point, or None if they do not cover this interval."""
         new, old = self.report or self.motion, before.report or before.motion
         if new.felt is None or old.felt is None or new.felt.since != old.felt.since:
             return None
         (x, y), (old_x, old_y) = (_along(m.heading, m.airspeed) for m in (new, old))
-        return ekf.Felt(
+        return ekf.VelocityChange(
             (new.felt.x - old.felt.x, new.felt.y - old.felt.y),
             (x - old_x, y - old_y),
             (self.nose_x - before.nose_x, self.nose_y - before.nose_y),
@@ -62,26 +62,26 @@ class FlownPath:
     """Integrates arcs between reports. Drops late and repeated reports. A gap starts a new piece of path."""
 
     def __init__(self) -> None:
-        self._knots: deque[PathPoint] = deque(maxlen=KEPT)
+        self._points: deque[PathPoint] = deque(maxlen=KEPT)
 
     def move(self, motion: OwnMotion) -> None:
         """Add a report of own motion."""
-        if not self._knots:
-            self._knots.append(PathPoint(motion))
+        if not self._points:
+            self._points.append(PathPoint(motion))
             return
-        last = self._knots[-1]
+        last = self._points[-1]
         step = motion.time - last.motion.time
         if step > HOLE:
-            self._knots.append(PathPoint(motion, last.x, last.y, last.piece + 1))
+            self._points.append(PathPoint(motion, last.x, last.y, last.piece + 1))
         elif step > 0:
             turned = float(wrap(motion.heading - last.motion.heading))
-            self._knots.append(last.carried(motion, (last.motion.airspeed + motion.airspeed) / 2, turned, step))
+            self._points.append(last.carried(motion, (last.motion.airspeed + motion.airspeed) / 2, turned, step))
 
     def at(self, time: float) -> PathPoint | None:
         """Return the point of the path at a time (s), interpolated or extrapolated, or None outside of the path."""
-        if not self._knots:
+        if not self._points:
             return None
-        newest = self._knots[-1]
+        newest = self._points[-1]
         last, ahead = newest.motion, time - newest.motion.time
         if ahead > EXTRAPOLATED:
             return None
@@ -90,7 +90,7 @@ class FlownPath:
             motion = OwnMotion(last.time + ahead, last.heading + turned, last.turn_rate, last.airspeed)
             carried = newest.carried(motion, last.airspeed, turned, ahead)
             return carried._replace(nose_x=newest.nose_x, nose_y=newest.nose_y, report=last)
-        for after, before in zip(reversed(self._knots), list(self._knots)[-2::-1], strict=False):
+        for after, before in zip(reversed(self._points), list(self._points)[-2::-1], strict=False):
             if before.motion.time <= time:
                 return _between(before, after, time) if before.piece == after.piece else None
         return None
@@ -105,7 +105,7 @@ def _between(before: PathPoint, after: PathPoint, time: float) -> PathPoint:
     felt = None
     if new.felt is not None and old.felt is not None and new.felt.since == old.felt.since:
         x, y = old.felt.x + share * (new.felt.x - old.felt.x), old.felt.y + share * (new.felt.y - old.felt.y)
-        felt = FeltVelocity(x, y, new.felt.since)
+        felt = IntegratedAcceleration(x, y, new.felt.since)
     motion = OwnMotion(old.time + step, old.heading + turned, turn_rate, airspeed, felt=felt)
     return before.carried(motion, airspeed, turned, step)
 
@@ -117,14 +117,14 @@ def _along(angle: float, length: float) -> tuple[float, float]:
 class Belief(NamedTuple):
     """Estimate of a flight: mean (12 values) and covariance (12, 12) of the state of `relative_ekf`.
 
-    drift_psd (m^2/s^3), gust (m/s), feels (0 to 1): averages of the noise models' assumptions.
+    drift_psd (m^2/s^3), gust (m/s), acceleration_weight (0 to 1): averages of the noise models' assumptions.
     """
 
     mean: tuple[float, ...]
     covariance: Array
     drift_psd: float
     gust: float
-    feels: float = 0.0
+    acceleration_weight: float = 0.0
 
 
 class Prediction(NamedTuple):
@@ -144,12 +144,12 @@ class Prediction(NamedTuple):
 
 def predict_belief(
     belief: Belief, dt: float, chord: tuple[float, float], *, heading: float, airspeed: float,
-    felt: ekf.Felt | None = None,
+    felt: ekf.VelocityChange | None = None,
 ) -> Prediction:  # fmt: skip
     """Return the estimate predicted by dt (s) along an air path `chord` (m, at the measured airspeed).
 
     heading (rad) and measured airspeed (m/s): at the end of the path. felt: measured accelerations, from
-    `PathPoint.felt_since`.
+    `PathPoint.velocity_change_since`.
     """
     _, _, *steady_d, kappa, _, gx, gy, forward, sideways, ex, ey = belief.mean
     calm = exp(-dt / ekf.GUST_TIME)
@@ -161,12 +161,12 @@ def predict_belief(
     air = airspeed * cos(heading), airspeed * sin(heading)
     d = steady_d[0] + calm * gx, steady_d[1] + calm * gy
     if felt is not None:
-        # Use the measured change of velocity instead of the assumed decay, weighted by `feels`: the probability of the
-        # noise models that use accelerations.
-        (c, s), stays = felt.nose, calm + belief.feels * (1 - calm)
+        # Use the measured change of velocity instead of the assumed decay, weighted by the probability of the noise
+        # models that use accelerations.
+        (c, s), stays = felt.nose, calm + belief.acceleration_weight * (1 - calm)
         errors = c * forward - s * sideways, s * forward + c * sideways
         dx, dy = (
-            steady + stays * g + e - error + belief.feels * (change - kappa * nose)
+            steady + stays * g + e - error + belief.acceleration_weight * (change - kappa * nose)
             for steady, g, e, error, change, nose in zip(
                 steady_d, (gx, gy), (ex, ey), errors, felt.change, felt.air, strict=True
             )

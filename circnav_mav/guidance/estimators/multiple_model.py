@@ -18,7 +18,7 @@ import numpy as np
 from circnav_mav.guidance.estimators import relative_ekf as ekf
 from circnav_mav.guidance.estimators.acquisition import DRIFT_MOST, Acquisition, Prior
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
-from circnav_mav.guidance.estimators.relative_ekf import STATES, THETA, Felt, Hypotheses, Noise, R, Rates
+from circnav_mav.guidance.estimators.relative_ekf import STATES, THETA, Hypotheses, Noise, R, Rates, VelocityChange
 from circnav_mav.guidance.maths import Batch
 
 
@@ -47,8 +47,9 @@ MODELS = (
     (1e-7, 0.02, 0, 0, 1, 0),  # weak gusts, or a heading that is wrong by 1 deg for seconds
     (3e-4, 0.2, 0.03, 1, 1, 0),  # gusts and a veering wind, measured by the accelerometers
 )
-"""Noise models: drift_psd (m^2/s^3), gust (as a share of V), nose (as a share of V), feels, white, drifting, as in
-`Noise`. A drifting range error can be observed only while the drift is steady or changes slowly."""
+"""Noise models: drift_psd (m^2/s^3), gust (as a share of V), nose (as a share of V),
+acceleration_weight, white, drifting, as in `Noise`. A drifting range error can be observed only while the drift is
+steady or changes slowly."""
 LEAST_SIGMA, MOST_SIGMA = 1e-3, 1e3
 """Bounds of the standard deviation of a range, m. No range is more precise than the motion between samples, and less
 precise ones carry no information. Variances of more different magnitude cancel numerically in a covariance."""
@@ -62,7 +63,8 @@ class MultipleModelFilter:
     mean (12, B), covariance (12, 12, B): the estimate. Arrays (B,): stage; nis of the most likely hypothesis; missed:
     share of recent samples outside the gate; refused: True if the last sample was rejected; spread: standard deviation
     of the position as a share of the range (infinite before the target is located); trusted: True if the estimate may
-    steer. assumed (3, B): weighted average of the models' drift_psd, gust and feels (unweighted during a search).
+    steer. assumed (3, B): weighted average of the models' drift_psd, gust and acceleration_weight (unweighted during
+    a search).
     """
 
     def __init__(self, settings: EstimatorSettings, flights: int = 1, known: Prior | None = None) -> None:
@@ -70,10 +72,10 @@ class MultipleModelFilter:
         self._settings = settings
         models = np.array(MODELS)
         models[:, 1:3] *= settings.speed
-        psd, gust, nose, feels, white, drifting = models.T[..., None]
-        self.noise = Noise(psd, gust, white, drifting, nose, feels)
-        self._feels = self.noise.feels[:, 0] > 0
-        self._assumptions = np.hstack([self.noise.drift_psd, self.noise.gust, self.noise.feels]).T
+        psd, gust, nose, acceleration_weight, white, drifting = models.T[..., None]
+        self.noise = Noise(psd, gust, white, drifting, nose, acceleration_weight)
+        self._uses_accelerations = self.noise.acceleration_weight[:, 0] > 0
+        self._assumptions = np.hstack([self.noise.drift_psd, self.noise.gust, self.noise.acceleration_weight]).T
         self.stage = np.full(flights, Stage.EMPTY)
         self.mean = np.zeros((STATES, flights))
         self.covariance = np.zeros((STATES, STATES, flights))
@@ -83,7 +85,7 @@ class MultipleModelFilter:
         self.spread = np.full(flights, np.inf)
         self.trusted = np.zeros(flights, bool)
         self._since = np.zeros(flights)
-        self._unheard: tuple[Batch, Batch, Batch, Batch, Batch] | None = None
+        self._deferred: tuple[Batch, Batch, Batch, Batch, Batch] | None = None
         """Newest range (dt, chord, z, sigma, valid), if not yet added to the search."""
         self._due: tuple[Batch, Batch] | None = None
         """True for flights whose search is due, (B,), and standard deviations of their ranges (B,), m."""
@@ -104,13 +106,13 @@ class MultipleModelFilter:
         """True if the search has a prior of the drift."""
         return self._search.remembers
 
-    def step(self, *heard: Any) -> None:
+    def step(self, *received: Any) -> None:
         """Run `observe`, then `search`."""
-        self.observe(*heard)
+        self.observe(*received)
         self.search()
 
     def observe(
-        self, dt: Batch, chord: Batch, z: Batch, sigma: Batch, valid: Batch, felt: Felt | None = None,
+        self, dt: Batch, chord: Batch, z: Batch, sigma: Batch, valid: Batch, felt: VelocityChange | None = None,
         rates: Rates | None = None,
     ) -> None:  # fmt: skip
         """Predict by dt (B,), s, along chord (2, B), m, and add the ranges z, sigma (B,), m, where valid (B,).
@@ -124,14 +126,14 @@ class MultipleModelFilter:
         self._track(dt, chord, z, sigma, valid, felt, rates)
         lost = self._lose()
         self._since[valid] = 0.0
-        self._unheard = dt, chord, z, sigma, valid
+        self._deferred = dt, chord, z, sigma, valid
         if lost or self._tracking.size < self.stage.size:
-            self._hear()  # during a search, the most likely hypothesis steers
+            self._process()  # during a search, the most likely hypothesis steers
 
     def search(self) -> None:
         """Continue the searches. Results are used from the next estimate on."""
-        if self._unheard is not None:
-            self._hear()
+        if self._deferred is not None:
+            self._process()
         if self._due is None:
             return
         (due, sigma), self._due = self._due, None
@@ -140,11 +142,11 @@ class MultipleModelFilter:
             self._start(*found, sigma)
         self._update_most_likely()
 
-    def _hear(self) -> None:
+    def _process(self) -> None:
         """Add the newest range to the search, and start searches of the flights with their first range."""
-        assert self._unheard is not None
-        (dt, chord, z, sigma, valid), self._unheard = self._unheard, None
-        due = self._search.hear(dt, chord, z, sigma, valid)
+        assert self._deferred is not None
+        (dt, chord, z, sigma, valid), self._deferred = self._deferred, None
+        due = self._search.observe(dt, chord, z, sigma, valid)
         begin = np.flatnonzero(valid & (self.stage == Stage.EMPTY))
         if begin.size:
             self.stage[begin] = Stage.SEARCH
@@ -154,7 +156,14 @@ class MultipleModelFilter:
             self._update_most_likely()
 
     def _track(
-        self, dt: Batch, chord: Batch, z: Batch, sigma: Batch, valid: Batch, felt: Felt | None, rates: Rates | None
+        self,
+        dt: Batch,
+        chord: Batch,
+        z: Batch,
+        sigma: Batch,
+        valid: Batch,
+        felt: VelocityChange | None,
+        rates: Rates | None,
     ) -> None:
         at = self._tracking
         if not at.size:
@@ -173,11 +182,11 @@ class MultipleModelFilter:
         if rates is not None and rates.valid.any():
             h = ekf.update_rate(h, rates, self._settings.gate)
         mean, covariance = ekf.mixture(h)
-        self._believe(of, mean, covariance)
-        self._tracks = _revive(h, self._feels, mean, covariance)
+        self._store(of, mean, covariance)
+        self._tracks = _revive(h, self._uses_accelerations, mean, covariance)
         self._assume()
 
-    def _believe(self, at: Any, mean: Batch, covariance: Batch) -> None:
+    def _store(self, at: Any, mean: Batch, covariance: Batch) -> None:
         self.mean[:, at], self.covariance[:, :, at] = mean, covariance
         variance = covariance[R, R] / np.maximum(mean[R], 1.0) ** 2 + covariance[THETA, THETA]
         self.spread[at] = np.sqrt(np.maximum(variance, 0.0))
@@ -233,12 +242,12 @@ class MultipleModelFilter:
         mean[known], covariance[known, known] = x, P
         covariance[ekf.B, ekf.B] = (0.5 * sigma[at]) ** 2
         covariance[ekf.GX, ekf.GX] = covariance[ekf.GY, ekf.GY] = (0.02 * self._settings.speed) ** 2
-        covariance[ekf.FORWARD, ekf.FORWARD] = covariance[ekf.LEFT, ekf.LEFT] = ekf.FELT_BIAS**2
+        covariance[ekf.FORWARD, ekf.FORWARD] = covariance[ekf.LEFT, ekf.LEFT] = ekf.ACCELERATION_BIAS**2
         mean, covariance = ekf.polar(mean, covariance)
         both = zip(self._tracks, _copies(mean, covariance), strict=True)
         self._tracks = Hypotheses(*(np.concatenate(parts, axis=-1) for parts in both))
         self._tracking = np.concatenate([self._tracking, at])
-        self._believe(at, mean, covariance)
+        self._store(at, mean, covariance)
         self._assume()
         self.stage[at], self.missed[at] = Stage.TRACKING, 0.0
 
@@ -249,11 +258,11 @@ def _copies(mean: Batch, covariance: Batch) -> Hypotheses:
     return Hypotheses(x, P, np.zeros((len(MODELS), mean.shape[-1])))
 
 
-def _revive(h: Hypotheses, feels: Batch, mean: Batch, covariance: Batch) -> Hypotheses:
+def _revive(h: Hypotheses, uses_accelerations: Batch, mean: Batch, covariance: Batch) -> Hypotheses:
     """Return the hypotheses with the models of negligible weight restarted.
 
-    feels (M,): True for models that use accelerations. Each model restarts from the mixture of its own kind. If no
-    model of this kind is left, it restarts from the mixture of all, mean (12, B) and covariance (12, 12, B).
+    uses_accelerations (M,): by model. Each model restarts from the mixture of its own kind. If no model of this kind is
+    left, it restarts from the mixture of all, mean (12, B) and covariance (12, 12, B).
 
     Models that use accelerations can mistake a wrong airspeed for a gust that turns with the heading. The other models
     reveal this error only if they do not restart from it.
@@ -262,7 +271,7 @@ def _revive(h: Hypotheses, feels: Batch, mean: Batch, covariance: Batch) -> Hypo
     if not dead.any():
         return h
     x, P = h.x, h.P
-    for kind in (feels, ~feels):
+    for kind in (uses_accelerations, ~uses_accelerations):
         again = dead & kind[:, None]
         if again.any():
             best = h.log_weight[kind].max(axis=0)

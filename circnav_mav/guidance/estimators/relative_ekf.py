@@ -46,9 +46,9 @@ CLOSEST = 1.0
 """Smallest range of the state, m: the bearing is singular at the target."""
 POSITION_PSD, KAPPA_PSD = 1e-4, 1e-7
 """Process noise of the position (m^2/s) and of kappa (1/s), for effects that are not modeled."""
-FELT_PSD = 1e-2
+ACCELERATION_PSD = 1e-2
 """White noise of the measured acceleration, m^2/s^3: 0.3 m/s^2 for 0.1 s, from vibration and delayed attitudes."""
-FELT_BIAS, FELT_BIAS_PSD = 0.2, 1e-5
+ACCELERATION_BIAS, ACCELERATION_BIAS_PSD = 0.2, 1e-5
 """Error of the measured acceleration: initial standard deviation, m/s^2 (1 deg of attitude causes 0.17 m/s^2), and its
 process noise, m^2/s^5."""
 OUTLIER_SHARE, OUTLIER_SPREAD = 0.05, 100.0
@@ -66,8 +66,8 @@ class Noise(NamedTuple):
     """Noise model of each of M hypotheses, arrays of shape (M, 1).
 
     drift_psd: of d', m^2/s^3. gust: standard deviation of each component of g, m/s. white, drifting: the two parts of
-    the range error, in units of the sample's sigma. nose: standard deviation of each component of e, m/s. feels: 1 if
-    the model uses the measured acceleration, else 0.
+    the range error, in units of the sample's sigma. nose: standard deviation of each component of e, m/s.
+    acceleration_weight: 1 if the model uses the measured acceleration, else 0.
     """
 
     drift_psd: Array
@@ -75,10 +75,10 @@ class Noise(NamedTuple):
     white: Array
     drifting: Array
     nose: Array = 0.0
-    feels: Array = 0.0
+    acceleration_weight: Array = 0.0
 
 
-class Felt(NamedTuple):
+class VelocityChange(NamedTuple):
     """Measured acceleration over a step, arrays (2, B), or pairs for one flight.
 
     change: its integral, m/s. air: change of V u(psi) at the measured airspeed, m/s. nose: integral of u(psi), s.
@@ -90,9 +90,9 @@ class Felt(NamedTuple):
     nose: Array
     across: Array
 
-    def of(self, flights: Any) -> "Felt":
+    def of(self, flights: Any) -> "VelocityChange":
         """Return the selected flights."""
-        return Felt(*(part[..., flights] for part in self))
+        return VelocityChange(*(part[..., flights] for part in self))
 
 
 class Rates(NamedTuple):
@@ -123,7 +123,9 @@ class Hypotheses(NamedTuple):
         return weight / weight.sum(axis=0)
 
 
-def predict(h: Hypotheses, noise: Noise, dt: Batch, chord: Batch, sigma: Batch, felt: Felt | None = None) -> Hypotheses:
+def predict(
+    h: Hypotheses, noise: Noise, dt: Batch, chord: Batch, sigma: Batch, felt: VelocityChange | None = None
+) -> Hypotheses:
     """Return the hypotheses predicted by dt (B,), s, along air paths with chords (2, B), m, at the measured airspeed.
 
     sigma (B,): standard deviation of the ranges, m. felt: acceleration measured during dt, if any.
@@ -140,7 +142,7 @@ def predict(h: Hypotheses, noise: Noise, dt: Batch, chord: Batch, sigma: Batch, 
     half, lever = rows[:2, DX:KAPPA] / 2, np.zeros(rows.shape)  # effect of the drift's process noise
     lever[:2, DX:KAPPA] = lever[:2, GX:FORWARD] = lever[:2, EX:] = half
     if felt is not None:
-        rows[2:], lever[2:] = _felt_rows(felt, keep), AXES
+        rows[2:], lever[2:] = _acceleration_rows(felt, keep), AXES
     moved = np.einsum("ik...,kj...->ij...", rows, P)
     near = np.einsum("ik...,jk...->ij...", moved, rows)
     moved *= keep
@@ -150,7 +152,7 @@ def predict(h: Hypotheses, noise: Noise, dt: Batch, chord: Batch, sigma: Batch, 
     q[DX:KAPPA], q[GX:FORWARD], q[EX:] = steady, gusty, fresh
     moved += lever * q
     q[KAPPA], q[B] = KAPPA_PSD * dt, (1 - keep[B] ** 2) * (noise.drifting * sigma) ** 2
-    q[FORWARD:EX] = FELT_BIAS_PSD * dt
+    q[FORWARD:EX] = ACCELERATION_BIAS_PSD * dt
     wander = wandered(steady, gusty, dt) + fresh * (dt / 2) ** 2
     near[0, 0] += wander
     near[1, 1] += wander / r**2
@@ -164,13 +166,21 @@ def predict(h: Hypotheses, noise: Noise, dt: Batch, chord: Batch, sigma: Batch, 
     if felt is not None:
         all_ = steady + gusty + fresh
         moved[2:, :2] = near[2:, :2] + np.swapaxes(half, 0, 1) * all_
-        felt_noise = all_ + FELT_PSD * dt
+        acceleration_noise = all_ + ACCELERATION_PSD * dt
         expected = felt.air[:, None] * h.x[KAPPA] + (rows[2:, GX:] * h.x[GX:]).sum(axis=1)
-        _correct(x, P, noise.feels, moved[2:], near[2:, 2:], felt_noise, felt.change[:, None] - expected)
+        _correct(
+            x,
+            P,
+            noise.acceleration_weight,
+            moved[2:],
+            near[2:, 2:],
+            acceleration_noise,
+            felt.change[:, None] - expected,
+        )
     return Hypotheses(x, P, h.log_weight * np.exp(-dt / WEIGHT_MEMORY))
 
 
-def _felt_rows(felt: Felt, keep: Batch) -> Array:
+def _acceleration_rows(felt: VelocityChange, keep: Batch) -> Array:
     """Return the Jacobian of the measured change of velocity by the states before the step, (2, 12, 1, B):
 
     change = kappa air + (g + d) after - (g + d) before + (f, l) turned by the nose + white noise
@@ -186,8 +196,8 @@ def _felt_rows(felt: Felt, keep: Batch) -> Array:
     return rows
 
 
-def _correct(x: Batch, P: Batch, feels: Batch, C: Batch, S: Batch, noise: Batch, nu: Batch) -> None:
-    """Correct x and P in place by two measurements, for the models that use them (`feels`).
+def _correct(x: Batch, P: Batch, acceleration_weight: Batch, C: Batch, S: Batch, noise: Batch, nu: Batch) -> None:
+    """Correct x and P in place by two measurements, for the models that use them (`acceleration_weight`).
 
     C (2, 12, M, B): covariance of measurements and state. S (2, 2, M, B): covariance of the predicted measurements.
     noise (M, B): variance of each measurement. nu (2, M, B): innovations.
@@ -198,7 +208,7 @@ def _correct(x: Batch, P: Batch, feels: Batch, C: Batch, S: Batch, noise: Batch,
     e = np.sqrt(np.maximum(S[1, 1] + noise - b * b, 1e-12))
     gain = C / a
     gain[1] = (C[1] - b * gain[0]) / e
-    gain *= feels
+    gain *= acceleration_weight
     first = nu[0] / a
     x += gain[0] * first + gain[1] * ((nu[1] - b * first) / e)
     P -= np.einsum("ki...,kj...->ij...", gain, gain)

@@ -10,7 +10,7 @@ from circnav_mav.guidance.estimators.dead_reckoning import Belief, FlownPath, Pa
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.multiple_model import TRUSTED, MultipleModelFilter, Stage
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
-from circnav_mav.guidance.estimators.relative_ekf import DX, DY, KAPPA, Felt, Rates, drift
+from circnav_mav.guidance.estimators.relative_ekf import DX, DY, KAPPA, Rates, VelocityChange, drift
 from circnav_mav.guidance.maths import Array
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample, RelativeMotion
 
@@ -63,20 +63,20 @@ class DriftEstimator(Estimator):
         self._path.move(motion)
 
     def observe(self, sample: RangeSample) -> Fused:
-        knot, before = self._path.at(sample.time), self._used
-        if knot is None:
+        point, before = self._path.at(sample.time), self._used
+        if point is None:
             self._astray = True  # a range without own motion: the vehicle may not follow its commands
             return Fused.ACCEPTED
-        if before is not None and (knot.piece != before.piece or sample.time - before.motion.time > GAP):
+        if before is not None and (point.piece != before.piece or sample.time - before.motion.time > GAP):
             self._restart(sample.time)
             before = None
         if before is not None and (sample.time <= self._range_at or sample.time < before.motion.time):
             return Fused.GATED
         self._range_at = sample.time
         ranges = np.array([sample.r]), np.array([sample.sigma]), np.array([True])
-        self.bank.observe(*_step(before or knot, knot), *ranges, _felt(before, knot))
+        self.bank.observe(*_step(before or point, point), *ranges, _velocity_change(before, point))
         self._asked = None
-        self._used, self._sigma, self._astray = knot, sample.sigma, False
+        self._used, self._sigma, self._astray = point, sample.sigma, False
         self._remember(sample.time)
         if sample.rate is not None:
             self.observe_rate(sample.rate)
@@ -84,15 +84,15 @@ class DriftEstimator(Estimator):
 
     def observe_rate(self, sample: RateSample) -> None:
         """Add a range rate, unless it is older than the newest sample. The search uses ranges only."""
-        knot, before = self._path.at(sample.time), self._used
-        if knot is None or before is None or knot.piece != before.piece or sample.time < before.motion.time:
+        point, before = self._path.at(sample.time), self._used
+        if point is None or before is None or point.piece != before.piece or sample.time < before.motion.time:
             return
-        nothing, V, psi = np.zeros(1), knot.motion.airspeed, knot.motion.heading
+        nothing, V, psi = np.zeros(1), point.motion.airspeed, point.motion.heading
         air = V * np.array([[np.cos(psi)], [np.sin(psi)]])
         rates = Rates(np.array([sample.r_dot]), np.array([sample.sigma]), np.array([True]), air)
         ranges = nothing, nothing + self._sigma, nothing > 0
-        self.bank.step(*_step(before, knot), *ranges, _felt(before, knot), rates)
-        self._used = knot
+        self.bank.step(*_step(before, point), *ranges, _velocity_change(before, point), rates)
+        self._used = point
 
     def at(self, time: float) -> RangeEstimate | None:
         # Each step requests the estimate before it sends its setpoint. A search iteration takes some milliseconds and
@@ -101,14 +101,14 @@ class DriftEstimator(Estimator):
         if self._asked is not None and time > self._asked:
             self.bank.search()
         self._asked = time if self._asked is None else self._asked
-        knot = self._path.at(time)
-        if knot is None or self._used is None or knot.piece != self._used.piece or self.bank.stage[0] == Stage.EMPTY:
+        point = self._path.at(time)
+        if point is None or self._used is None or point.piece != self._used.piece or self.bank.stage[0] == Stage.EMPTY:
             return None
-        then, own, tracks = self._used, knot.motion, self.bank.stage[0] == Stage.TRACKING
+        then, own, tracks = self._used, point.motion, self.bank.stage[0] == Stage.TRACKING
         mean, covariance = tuple(self.bank.mean[:, 0].tolist()), self.bank.covariance[:, :, 0]
         belief = Belief(mean, covariance, *self.bank.assumed[:, 0].tolist())
-        dt, chord = max(own.time - then.motion.time, 0.0), (knot.x - then.x, knot.y - then.y)
-        felt = knot.felt_since(then)
+        dt, chord = max(own.time - then.motion.time, 0.0), (point.x - then.x, point.y - then.y)
+        felt = point.velocity_change_since(then)
         at = predict_belief(belief, dt, chord, heading=own.heading, airspeed=own.airspeed, felt=felt)
         # without ranges, the uncertainty of the prediction grows
         bound = max(TRUSTED, GROWN * float(self.bank.spread[0]))
@@ -126,7 +126,7 @@ class DriftEstimator(Estimator):
             trusted=steers,
             trial=None if tracks else int(self.bank.most_likely[0]),
             drift_remembered=self.bank.remembers,
-            feels=belief.feels if tracks and felt is not None else 0.0,
+            acceleration_weight=belief.acceleration_weight if tracks and felt is not None else 0.0,
             drift_covariance=(covariance.item(DX, DX), covariance.item(DX, DY), covariance.item(DY, DY)),
         )
         return RangeEstimate(
@@ -210,12 +210,12 @@ class AutoEstimator(Estimator):
 
 
 def _step(before: PathPoint, after: PathPoint) -> tuple[Array, Array]:
-    """Return time (s) and path (m) from one knot to the next."""
+    """Return time (s) and path (m) from one point to the next."""
     dt = max(after.motion.time - before.motion.time, 0.0)
     return np.array([dt]), np.array([[after.x - before.x], [after.y - before.y]])
 
 
-def _felt(before: PathPoint | None, after: PathPoint) -> Felt | None:
-    """Return the accelerations measured between two knots as arrays for a single flight, or None."""
-    felt = None if before is None else after.felt_since(before)
-    return None if felt is None else Felt(*(np.array(part)[..., None] for part in felt))
+def _velocity_change(before: PathPoint | None, after: PathPoint) -> VelocityChange | None:
+    """Return the accelerations measured between two points as arrays for a single flight, or None."""
+    felt = None if before is None else after.velocity_change_since(before)
+    return None if felt is None else VelocityChange(*(np.array(part)[..., None] for part in felt))

@@ -12,7 +12,7 @@ APART = 0.25
 """Longest time, s, between the newest range and the newest rate that may steer."""
 
 
-class Measured(Estimator):
+class MeasuredRate(Estimator):
     """`measured`: range and range rate as measured by the radio, unfiltered, as in the paper. An outlier affects the
     command until the next sample."""
 
@@ -50,7 +50,7 @@ ESTIMATORS: dict[str, Callable[[EstimatorSettings], Estimator]] = {
     "unicycle": UnicycleEstimator,
     "drift": DriftEstimator,
     "auto": AutoEstimator,
-    "measured": Measured,
+    "measured": MeasuredRate,
 }
 
 

@@ -89,22 +89,22 @@ class UnicycleFilter:
         self.x[0] = np.maximum(self.x[0], CLOSEST)
         self.x[1] = wrap(self.x[1])
         self.P = self.P - K[:, None] * PH[None]
-        said = np.maximum(-0.5 * nis, -0.5 * self._gate**2) - 0.5 * np.log(np.maximum(S, 1e-9))
-        self.log_weight = self.log_weight + np.where(arrived, said, 0.0)
+        likelihood = np.maximum(-0.5 * nis, -0.5 * self._gate**2) - 0.5 * np.log(np.maximum(S, 1e-9))
+        self.log_weight = self.log_weight + np.where(arrived, likelihood, 0.0)
         self.log_weight = self.log_weight - self.log_weight.max(axis=0)
         best = self.log_weight.argmax(axis=0)
         self.nis = np.where(arrived, nis[best, np.arange(best.size)], self.nis)
         return fits
 
-    def _start(self, z: Batch, sigma: Batch, who: Batch) -> None:
-        if not who.any():
+    def _start(self, z: Batch, sigma: Batch, of: Batch) -> None:
+        if not of.any():
             return
-        self.x[0][:, who] = np.maximum(z[who], CLOSEST)
-        self.x[1][:, who] = np.array([[np.pi / 2], [-np.pi / 2]])
-        self.P[..., who] = 0.0
-        self.P[0, 0][:, who], self.P[1, 1][:, who] = sigma[who] ** 2, 1.0
-        self.log_weight[:, who] = 0.0
-        self.refused[who], self.samples[who] = 0, 1
+        self.x[0][:, of] = np.maximum(z[of], CLOSEST)
+        self.x[1][:, of] = np.array([[np.pi / 2], [-np.pi / 2]])
+        self.P[..., of] = 0.0
+        self.P[0, 0][:, of], self.P[1, 1][:, of] = sigma[of] ** 2, 1.0
+        self.log_weight[:, of] = 0.0
+        self.refused[of], self.samples[of] = 0, 1
 
 
 class UnicycleEstimator(Estimator):
@@ -135,43 +135,43 @@ class UnicycleEstimator(Estimator):
         self._path.move(motion)
 
     def observe(self, sample: RangeSample) -> Fused:
-        knot, before = self._path.at(sample.time), self._used
-        if knot is None:
+        point, before = self._path.at(sample.time), self._used
+        if point is None:
             return Fused.ACCEPTED
         # After a gap in own motion, or a turn of more than a quarter circle since the last range, the chord of the path
         # does not determine the motion: restart.
-        if before is not None and (knot.piece != before.piece or self._bent(before, knot)):
+        if before is not None and (point.piece != before.piece or self._bent(before, point)):
             self.filter, before = UnicycleFilter(self._settings.gate), None
         if before is not None:
             if sample.time <= self._range_at:
                 return Fused.GATED
-            self._carry(self.filter, before, knot)
+            self._carry(self.filter, before, point)
         self._range_at = sample.time
         one, sigma = np.array([True]), np.array([sample.sigma])
         self.filter.update(np.array([sample.r]), sigma, one)
-        self._used = knot
+        self._used = point
         if sample.rate is not None:
             self.observe_rate(sample.rate)
         return Fused.GATED if self.filter.refused[0] else Fused.ACCEPTED
 
     def observe_rate(self, sample: RateSample) -> None:
-        knot, before = self._path.at(sample.time), self._used
-        if knot is None or before is None or knot.piece != before.piece or sample.time < before.motion.time:
+        point, before = self._path.at(sample.time), self._used
+        if point is None or before is None or point.piece != before.piece or sample.time < before.motion.time:
             return
-        self._carry(self.filter, before, knot)
-        V, one = np.array([knot.motion.airspeed]), np.array([True])
+        self._carry(self.filter, before, point)
+        V, one = np.array([point.motion.airspeed]), np.array([True])
         self.filter.update_rate(np.array([sample.r_dot]), np.array([sample.sigma]), V, one)
-        self._used = knot
+        self._used = point
 
     def at(self, time: float) -> RangeEstimate | None:
-        knot = self._path.at(time)
-        if knot is None or self._used is None or knot.piece != self._used.piece:
+        point = self._path.at(time)
+        if point is None or self._used is None or point.piece != self._used.piece:
             return None
         ahead = copy(self.filter)
         if time > self._used.motion.time:
-            self._carry(ahead, self._used, knot)
+            self._carry(ahead, self._used, point)
         (r, eta), P = ahead.likelier
-        V = knot.motion.airspeed
+        V = point.motion.airspeed
         rate_sigma = V * abs(np.sin(eta[0])) * sqrt(max(P[1, 1, 0], 0.0))
         return RangeEstimate(
             time, float(r[0]), float(-V * np.cos(eta[0])), sqrt(max(P[0, 0, 0], 0.0)), float(rate_sigma),

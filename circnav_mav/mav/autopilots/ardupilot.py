@@ -30,7 +30,7 @@ def gcs_failsafe(what_follows: str) -> Judge:
 
 def ekf_action(what_follows: str) -> Judge:
     """Return a judge of FS_EKF_ACTION."""
-    none = "no action when the position estimate fails: it may go on without knowing its speed"
+    none = "no action when the position estimate fails: it may continue without a speed estimate"
     leaves = f"when the position estimate fails it leaves GUIDED and {what_follows}: the flight ends as a takeover"
     return one_of({0: (WARN, none)}, (PASS, leaves))
 
@@ -42,6 +42,6 @@ def _gcs_system(value: float, context: Context) -> Verdict:
     return PASS, "the system id of the ground station; ours is the vehicle's, so its failsafe ignores our heartbeat"
 
 
-_FENCE_ON = (WARN, "a fence is on: a circle that reaches it ends by the fence's own action")
+_FENCE_ON = (WARN, "a fence is active: a circle that reaches it ends by the fence's action")
 GCS_SYSTEM = Rule((("MAV_GCS_SYSID", 1.0), ("SYSID_MYGCS", 1.0)), _gcs_system)
 FENCE = rule("FENCE_ENABLE", one_of({0: (PASS, "no fence")}, _FENCE_ON), optional=True)

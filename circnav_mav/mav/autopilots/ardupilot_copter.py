@@ -31,8 +31,8 @@ FOLLOWED = 1.1
 def _guided_options(value: float, context: Context) -> Verdict:
     bits = int(value)
     if bits & (1 << 4 | 1 << 5):
-        return WARN, "bits 4 and 5 switch the stabilising of position and velocity off: it may not hold the speed"
-    yaw = "ignored" if bits & 1 << 2 else "not ignored: keep off it"
+        return WARN, "bits 4 and 5 disable the position and velocity controllers: it may not hold the speed"
+    yaw = "ignored" if bits & 1 << 2 else "not ignored: do not move it"
     return PASS, f"velocity is held; the pilot's yaw stick is {yaw}"
 
 
@@ -43,11 +43,11 @@ def _acceleration(value: float, context: Context) -> Verdict:
     31 s.
     """
     asked = radians(context.max_turn_rate_deg) * context.speed
-    words = f"turns at the mission's limit ask for {asked:.1f} m/s^2"
+    words = f"turns at the mission's limit need {asked:.1f} m/s^2"
     if asked <= FOLLOWED * value:
         return PASS, f"{words}: the path follows"
     enough = floor(degrees(FOLLOWED * value / context.speed))
-    return WARN, f"{words}, the path cannot follow: lower vehicle.max_turn_rate_deg_s to {enough}, it settles sooner"
+    return WARN, f"{words}, more than it flies: lower vehicle.max_turn_rate_deg_s to {enough} to settle sooner"
 
 
 def _enough_acceleration(context: Context) -> float:

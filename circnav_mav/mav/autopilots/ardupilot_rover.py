@@ -18,12 +18,12 @@ _clips = at_least(
 
 
 def _wp_speed(value: float, context: Context) -> Verdict:
-    return (PASS, "0: CRUISE_SPEED counts") if value == 0 else _clips(value, context)
+    return (PASS, "0: CRUISE_SPEED is the limit") if value == 0 else _clips(value, context)
 
 
 def _cruise_speed(value: float, context: Context) -> Verdict:
     limit = context.values.get("WP_SPEED", 0.0)
-    return (PASS, f"WP_SPEED = {limit:g} m/s counts instead") if limit > 0 else _wp_speed(value, context)
+    return (PASS, f"WP_SPEED = {limit:g} m/s is the limit") if limit > 0 else _wp_speed(value, context)
 
 
 class ArduRover(Autopilot):

@@ -62,7 +62,7 @@ class Rule:
             if name in context.values:
                 value = context.values[name]
                 if not isfinite(value):
-                    return Check(FAIL, "parameter", f"{name} = {value:g}: is not a number: set it anew")
+                    return Check(FAIL, "parameter", f"{name} = {value:g}: is not a number: set it again")
                 grade, words = self.judge(value * factor, context)
                 meant = "" if factor == 1 else f" ({value * factor:g} {self.unit})"
                 return Check(grade, "parameter", f"{name} = {value:g}{meant}: {words}")
@@ -125,11 +125,11 @@ def timeout(what_follows: str) -> Judge:
     def judge(seconds: float, context: Context) -> Verdict:
         words = f"{seconds:g} s after the last setpoint it {what_follows}"
         if seconds < 2 * context.tick:
-            return FAIL, f"{words}: shorter than two of our ticks"
+            return FAIL, f"{words}: shorter than two steps (limits.tick_hz)"
         if seconds < SHORT_TIMEOUT:
-            return WARN, f"{words}: a short hiccup of the link is enough"
+            return WARN, f"{words}: a short outage of the link is enough"
         if seconds > LONG_TIMEOUT:
-            return WARN, f"{words}: it flies on blind for long"
+            return WARN, f"{words}: it flies uncontrolled for long"
         return PASS, words
 
     return judge
@@ -139,8 +139,8 @@ def held_airspeed(value: float, context: Context) -> Verdict:
     """Judge the airspeed that the autopilot holds, m/s."""
     off = abs(value / context.speed - 1)
     grade = PASS if off <= SPEED_NEAR else WARN if off <= SPEED_FAR else FAIL
-    words = f"the autopilot holds {value:g} m/s, the mission counts on {context.speed:g}"
-    return grade, words if grade is PASS else f"{words}: set vehicle.speed_mps to what is flown"
+    words = f"the autopilot holds {value:g} m/s, vehicle.speed_mps = {context.speed:g}"
+    return grade, words if grade is PASS else f"{words}: set vehicle.speed_mps = {value:g}"
 
 
 def least_airspeed(value: float, context: Context) -> Verdict:
@@ -153,7 +153,7 @@ most_airspeed = at_least(lambda mission: mission.speed, "above the mission's {:g
 bank_limit = at_least(
     lambda mission: mission.max_bank_deg,
     "the mission's bank limit of {:g} deg is within it",
-    "the autopilot banks less than the {:g} deg that the mission counts on: lower vehicle.max_bank_deg",
+    "the autopilot banks less than the mission's {:g} deg: lower vehicle.max_bank_deg",
 )
 COPTER_DRAG = 0.3
 """Default drag coefficient of a bare quadrotor, 1/s. Simulated and flown copters have 0.15 to 1."""
@@ -166,7 +166,7 @@ def lean_limit(degrees_: float, context: Context) -> Verdict:
     leans = f"it leans {degrees_:g} deg at most"
     if wind <= 0:
         return WARN, f"{leans}: at a drag of {COPTER_DRAG:g}/s too little for {context.speed:g} m/s even in still air"
-    words = f"{leans}: at a drag of {COPTER_DRAG:g}/s {context.speed:g} m/s are held in wind up to {wind:.0f} m/s"
+    words = f"{leans}: at a drag of {COPTER_DRAG:g}/s it holds {context.speed:g} m/s in wind up to {wind:.0f} m/s"
     return (PASS if wind >= COMMON_WIND else WARN), words
 
 

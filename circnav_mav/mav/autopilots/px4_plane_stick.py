@@ -34,14 +34,14 @@ _STOCK_STICK_LOSS = 2.0
 _HOLD_EXCEPTED = 2
 """Bit 1 of COM_RCL_EXCEPT: Hold."""
 _NO_STICKS = (FAIL, "sticks from MAVLink are ignored: set it to 1 (MAVLink only)")
-_OUR_STICKS = (PASS, "only sticks from MAVLink count: the pilot's own do nothing, changing the mode does")
-_OTHER_STICKS = (WARN, "the pilot's transmitter may count instead of us: 1 (MAVLink only) is sure")
+_OUR_STICKS = (PASS, "only sticks from MAVLink are used: the pilot takes over by changing the mode, not by the sticks")
+_OTHER_STICKS = (WARN, "the pilot's transmitter may replace our sticks: set it to 1 (MAVLink only)")
 
 
 def _stick_loss(value: float, context: Context) -> Verdict:
     words = f"{value:g} s after our last stick manual control counts as lost (NAV_RCL_ACT)"
     if value < 2 * context.tick:
-        return FAIL, f"{words}: shorter than two of our ticks"
+        return FAIL, f"{words}: shorter than two steps (limits.tick_hz)"
     return (WARN if value < SHORT_TIMEOUT else PASS), words
 
 
@@ -55,15 +55,15 @@ def _stick_loss_action(value: float, context: Context) -> Verdict:
         return FAIL, f"{when}, it {stops} in the air: set it to 2 (RTL) or 1 (Hold)"
     if follows := _STICK_LOSS.get(int(value)):
         return PASS, f"{when}, it holds for COM_FAIL_ACT_T, then {follows}"
-    return WARN, f"{when}, nobody knows what it does: set it to 2 (RTL) or 1 (Hold)"
+    return WARN, f"{when}, this value is undefined: set it to 2 (RTL) or 1 (Hold)"
 
 
 def _stick_loss_exceptions(value: float, context: Context) -> Verdict:
     if int(value) & _HOLD_EXCEPTED:
         return PASS, "a plane given back or taken over in Hold (LOITER) stays there without our sticks"
-    follows = _STICK_LOSS.get(context.values.get("NAV_RCL_ACT", _STOCK_STICK_LOSS), "does what NAV_RCL_ACT says")
+    follows = _STICK_LOSS.get(context.values.get("NAV_RCL_ACT", _STOCK_STICK_LOSS), "follows NAV_RCL_ACT")
     if follows == _STICK_LOSS[1]:
-        return PASS, "Hold is not excepted, but Hold is also what NAV_RCL_ACT asks for"
+        return PASS, "Hold is not excepted, but NAV_RCL_ACT commands Hold, too"
     return WARN, (
         f"a plane given back or taken over in Hold (LOITER) does not stay there, it {follows}: add 2 (bit 1, Hold)"
     )
@@ -72,7 +72,7 @@ def _stick_loss_exceptions(value: float, context: Context) -> Verdict:
 def _stick_bank(value: float, context: Context) -> Verdict:
     ours = context.stick_bank_deg
     if abs(value - ours) > STICK_SCALE:
-        return FAIL, f"full stick is {value:g} deg of bank, the mission says {ours:g}: set vehicle.full_stick_bank_deg"
+        return FAIL, f"full stick is {value:g} deg of bank: set vehicle.full_stick_bank_deg = {value:g}, not {ours:g}"
     return bank_limit(value, context)
 
 

@@ -21,11 +21,11 @@ AUTOPILOTS: dict[tuple[str, str], type[Autopilot]] = {
 REFUSED: dict[tuple[str, str], str] = {
     ("ardupilot", "copter nogps"): (
         "GUIDED_NOGPS holds no speed, and a copter without GPS or flow measures none (its VFR_HUD.airspeed is its "
-        "ground-speed estimate): the circle's V cannot be held honestly. Give the copter optical flow and use GUIDED"
+        "ground-speed estimate): the circle's speed cannot be held. Give the copter optical flow and use GUIDED"
     ),
     ("px4", "rover"): (
-        "PX4 rovers ignore yaw rate and attitude setpoints in OFFBOARD; only a rotated velocity or a position carrot "
-        "steers them, and the first keeps driving after the stream stops"
+        "PX4 rovers ignore yaw rate and attitude setpoints in OFFBOARD; only a rotated velocity or a moving position "
+        "target steers them, and the first keeps driving after the stream stops"
     ),
 }
 """Vehicles that cannot be flown, with a human-readable reason."""

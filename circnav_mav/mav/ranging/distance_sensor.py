@@ -32,7 +32,7 @@ def _read(message: Message) -> Reading | Reject | None:
 def _why_never(settings: RangingSettings) -> str:
     if settings.orientation != DOWNWARD:
         return ""
-    return f"orientation {DOWNWARD} is downward, a height sensor: it is never taken, choose 24 (up)"
+    return f"orientation {DOWNWARD} is downward, a height sensor, which is never used: choose 24 (up)"
 
 
 DISTANCE_SENSOR = RangingMessage(

@@ -78,14 +78,14 @@ class RangeReader:
         now: float,
         *,
         height: float | None = None,
-        strangers: Mapping[int, Hashable] | None = None,
+        other_vehicles: Mapping[int, Hashable] | None = None,
         one_way: float = 0.0,
         source: Hashable = None,
         vehicle: Hashable = None,
     ) -> RangeSample | None:
         """Return the sample that a message carries, or None. A rejection is counted in `rejected`.
 
-        height: vehicle above the target, m, None to take ranges as horizontal. strangers: systems of other vehicles
+        height: vehicle above the target, m, None to take ranges as horizontal. other_vehicles: their systems,
         with the addresses of their autopilots. Their ranges are rejected unless the mission specifies such a system.
         one_way: least delay of this link, s, which stamps alone do not show. source: address of the sender. vehicle:
         address of the vehicle, or None. A radio that the autopilot forwards moves with it.
@@ -95,7 +95,7 @@ class RangeReader:
             return None
         if self._with_vehicle and self.trusted is not None and vehicle is not None:
             self.trusted = self.trusted._replace(source=vehicle)
-        answer = self._judge(message, now, height, strangers or {}, source)
+        answer = self._judge(message, now, height, other_vehicles or {}, source)
         if isinstance(answer, RangeSample) and vehicle is not None:
             self._with_vehicle = source == vehicle
         if isinstance(answer, RangeSample) and one_way > self._settings.max_age - SAME_TIME:
@@ -119,14 +119,19 @@ class RangeReader:
         self.rejected[reason.value] += count
 
     def _judge(
-        self, message: Message, now: float, height: float | None, strangers: Mapping[int, Hashable], source: Hashable
+        self,
+        message: Message,
+        now: float,
+        height: float | None,
+        other_vehicles: Mapping[int, Hashable],
+        source: Hashable,
     ) -> RangeSample | Reject | None:
         settings = self._settings
         reading, picked = self._kind.read(message), self._kind.picked(message, settings)
         if reading is None:
             return None
         sender = Sender(*ids(message), source)
-        fits = self._fits(sender, strangers)
+        fits = self._fits(sender, other_vehicles)
         slant = None if isinstance(reading, Reject) else reading.slant
         sensor = self.sources.receive(message, slant, now, picked=picked and fits)
         if self._kind.for_anything and not picked:
@@ -147,7 +152,7 @@ class RangeReader:
         if self._ambiguous(now):
             return Reject.AMBIGUOUS
         if self.trusted is not None and (sender, sensor) != (self.trusted, self._source):
-            self._begin_anew()
+            self._restart()
             self._with_vehicle = False
         carried = reading.stamp if settings.stamp == "sensor" else None
         stamp = now if carried is None else self.clock.unwrapped(carried)
@@ -180,7 +185,7 @@ class RangeReader:
     def _ambiguous(self, now: float) -> bool:
         return not self.sender_stays and self.sources.several(now)
 
-    def _fits(self, sender: Sender, strangers: Mapping[int, Hashable]) -> bool:
+    def _fits(self, sender: Sender, other_vehicles: Mapping[int, Hashable]) -> bool:
         """True if a sender has the configured ids and does not belong to another vehicle."""
         settings = self._settings
         if settings.system_id not in (None, sender.system) or settings.component_id not in (None, sender.component):
@@ -188,9 +193,9 @@ class RangeReader:
         # Ranges of another vehicle's autopilot may have been accepted before its first heartbeat, which comes from the
         # same address. A heartbeat from another address only imitates the radio's system: rejecting the radio because
         # of it would end the flight.
-        its_own = sender.component == AUTOPILOT_COMPONENT and strangers.get(sender.system) == sender.source
+        its_own = sender.component == AUTOPILOT_COMPONENT and other_vehicles.get(sender.system) == sender.source
         stays = self.sender_stays and sender == self.trusted and not its_own
-        return settings.system_id is not None or sender.system not in strangers or stays
+        return settings.system_id is not None or sender.system not in other_vehicles or stays
 
     def _counts(self, sender: Sender, sensor: RangeSource, now: float, *, picked: bool) -> bool:
         """True if ranges of this sensor are used: it is the trusted one, or the trusted one is silent.
@@ -215,7 +220,7 @@ class RangeReader:
         # has stopped.
         order = clock.order(stamp, now, most_ahead=most_ahead, steady=JUMP, patience=MISSED / settings.rate_hz)
         if order is Order.RESTARTED:
-            self._begin_anew()
+            self._restart()
             return None
         if order is Order.JUMPED:
             return Reject.STAMP_JUMP
@@ -228,7 +233,7 @@ class RangeReader:
         resent = settings.resent and reading.slant == self.slant and stamp - clock.newest < 0.9 / settings.rate_hz
         return Reject.REPEAT if order is Order.REPEATED or again or resent else None
 
-    def _begin_anew(self) -> None:
+    def _restart(self) -> None:
         """Reset the clock state for another clock or another sensor."""
         self.clock.reset()
         self._sequence, self._taken, self._ahead_at = None, 0, float("-inf")
@@ -252,7 +257,7 @@ class RangeRateReader:
     def trouble(self) -> str:
         """Human-readable reason why measured rates are not used now, or empty."""
         if self._noise.repeated:
-            return f"frozen, the same number for {self._noise.repeated:.0f} s"
+            return f"frozen, the same value for {self._noise.repeated:.0f} s"
         return "" if self._check.trusted else self._check.why
 
     def carries(self, message: Message) -> bool:

@@ -51,7 +51,7 @@ class RangeSource(NamedTuple):
         return {**dict(self.marks), "component_id": self.component, "system_id": self.system}
 
 
-class _Heard:
+class _Received:
     """Newest ranges of one source."""
 
     def __init__(self) -> None:
@@ -69,7 +69,7 @@ class RangeSources:
     def __init__(self, kind: RangingMessage, settings: RangingSettings) -> None:
         self._kind = kind
         self._listen = max(LISTEN, LISTEN_PERIODS / settings.rate_hz) if settings.listens else 0.0
-        self._heard: dict[RangeSource, _Heard] = {}
+        self._received: dict[RangeSource, _Received] = {}
         self._since: float | None = None
         """Time of the first message of a selected source, s."""
 
@@ -77,19 +77,19 @@ class RangeSources:
         """Process one message and return its source. slant: m, None if it carries no range. picked: True if the mission
         selects the source."""
         source = RangeSource.of(message, self._kind)
-        heard = self._heard.get(source)
-        if heard is None:
-            if len(self._heard) >= MOST_SOURCES:
-                del self._heard[min(self._heard, key=lambda one: self._heard[one].at)]
-            heard = self._heard[source] = _Heard()
-        heard.at, heard.picked = now, picked
+        received = self._received.get(source)
+        if received is None:
+            if len(self._received) >= MOST_SOURCES:
+                del self._received[min(self._received, key=lambda one: self._received[one].at)]
+            received = self._received[source] = _Received()
+        received.at, received.picked = now, picked
         if picked and self._since is None:
             self._since = now
         if slant is not None:
-            heard.slant = slant
+            received.slant = slant
             if source.component == AUTOPILOT_COMPONENT:
-                heard.repeats.append(self._repeats(source, slant))
-            heard.slants.append(slant)
+                received.repeats.append(self._repeats(source, slant))
+            received.slants.append(slant)
         return source
 
     def listened(self, now: float) -> bool:
@@ -98,55 +98,55 @@ class RangeSources:
 
     def several(self, now: float) -> bool:
         """True if more than one source fits the mission now."""
-        return len(self._heard) > 1 and len(self._rivals(now)) > 1
+        return len(self._received) > 1 and len(self._fitting(now)) > 1
 
     def choice(self, now: float) -> str:
         """Return the sources that fit the mission, their ranges and the keys that select one.
 
         Empty for fewer than two sources.
         """
-        rivals = self._rivals(now)
+        rivals = self._fitting(now)
         if len(rivals) < 2:
             return ""
-        return f"{len(rivals)} range sources: {self._words(rivals)}: name yours with {' or '.join(differences(rivals))}"
+        return f"{len(rivals)} range sources: {self._words(rivals)}: select yours by {' or '.join(differences(rivals))}"
 
     def short_choice(self, now: float) -> str:
         """Return the same as `choice`, short enough for a STATUSTEXT."""
-        rivals = self._rivals(now)
+        rivals = self._fitting(now)
         return f"{len(rivals)} range sources: set {differences(rivals)[0]}" if len(rivals) > 1 else ""
 
     def others(self, now: float) -> str:
         """Return the received sources if the mission selects none of them, otherwise empty."""
         alive = self._alive(now)
-        if not alive or any(self._heard[source].picked for source in alive):
+        if not alive or any(self._received[source].picked for source in alive):
             return ""
         keys = " and ".join(f"ranging.{key}" for key in alive[0].keys)
-        return f"received: {self._words(alive)}, which the mission does not pick: compare {keys}"
+        return f"received: {self._words(alive)}, which the mission does not select: compare {keys}"
 
     def _alive(self, now: float) -> list[RangeSource]:
-        return [source for source, heard in self._heard.items() if now - heard.at <= SOURCE_SILENT]
+        return [source for source, received in self._received.items() if now - received.at <= SOURCE_SILENT]
 
-    def _rivals(self, now: float) -> list[RangeSource]:
-        picked = [source for source in self._alive(now) if self._heard[source].picked]
+    def _fitting(self, now: float) -> list[RangeSource]:
+        picked = [source for source in self._alive(now) if self._received[source].picked]
         return picked if len(picked) < 2 else [source for source in picked if not self._is_echo(source)]
 
     def _is_echo(self, source: RangeSource) -> bool:
         """True if an autopilot repeats the ranges of a radio. ArduPilot and PX4 forward ranges with other ids and at a
         lower rate."""
-        repeats = self._heard[source].repeats
+        repeats = self._received[source].repeats
         return len(repeats) >= JUDGED_LEAST and sum(repeats) >= len(repeats) / 2
 
     def _repeats(self, source: RangeSource, slant: float) -> bool:
         radios = (
-            heard
-            for other, heard in self._heard.items()
-            if other.system == source.system and other.component != AUTOPILOT_COMPONENT and heard.picked
+            received
+            for other, received in self._received.items()
+            if other.system == source.system and other.component != AUTOPILOT_COMPONENT and received.picked
         )
-        return any(abs(slant - one) <= ECHO_ERROR for heard in radios for one in reversed(heard.slants))
+        return any(abs(slant - one) <= ECHO_ERROR for received in radios for one in reversed(received.slants))
 
     def _words(self, sources: list[RangeSource]) -> str:
         def one(source: RangeSource) -> str:
-            slant = self._heard[source].slant
+            slant = self._received[source].slant
             return f"{source} ({'no range' if slant is None else f'{slant:.1f} m'})"
 
         more = ", ..." if len(sources) > MOST_NAMED else ""

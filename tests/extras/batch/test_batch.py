@@ -104,7 +104,7 @@ def test_an_outage_in_wind_leaves_the_vehicle_on_its_circle():
 @pytest.mark.parametrize("law", sorted({law for law, _ in POLICIES.values()}))
 def test_the_benchmark_flies_the_gain_that_the_check_of_the_quickstart_prints(law):
     (said,) = (
-        line.says for line in check_mission(load_mission(QUICKSTART, [f"guidance.law={law}"])) if line.subject == "gain"
+        line.text for line in check_mission(load_mission(QUICKSTART, [f"guidance.law={law}"])) if line.subject == "gain"
     )
     assert f"k = {tune(ORBIT, law, turn_lag=TURN_LAG).gain:.4g} " in said
 

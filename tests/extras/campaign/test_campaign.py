@@ -170,7 +170,7 @@ def test_a_mission_that_no_batch_flies_is_refused_where_a_batch_is_asked_for(cir
     path = write('"guidance.radius_trim_per_s" = [0.05]', 'runs = 2\nengine = "batch"')
     ran = circnav("campaign", path, "--out", tmp_path / "never")
     assert ran.code == 2
-    assert 'engine: "batch" cannot fly this: guidance.radius_trim_per_s is not 0' in ran.err
+    assert 'engine: "batch" cannot fly this mission: guidance.radius_trim_per_s is not 0' in ran.err
     assert not (tmp_path / "never").exists()
 
 

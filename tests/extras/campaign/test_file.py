@@ -45,7 +45,7 @@ def test_a_campaign_file_that_is_wrong_is_one_line_with_the_remedy(tmp_path, tex
         ('"sim.wind" = [{from_deg = 5.0}]', '"sim.wind.speed_mps" = [1.0]', "{} and {} set the same key: keep one"),
         ('"start.range_m" = [80]', '"sim.start.random.range_m" = [[1, 2]]', "{} and {} set the same key: keep one"),
         ('"sim.start" = [{}]', '"start.range_m" = [80]', "{} and {} set the same key: keep one"),
-        ('"guidance.law" = ["smooth"]', 'guidance.law = ["pi"]', "{} is there twice, in two spellings: keep one"),
+        ('"guidance.law" = ["smooth"]', 'guidance.law = ["pi"]', "{} is given twice, in two spellings: keep one"),
     ],
 )
 def test_two_keys_that_set_the_same_are_refused(write, first, second, says):
@@ -106,7 +106,7 @@ def test_a_mission_file_is_known_as_one():
 @pytest.mark.parametrize(
     ("command", "says"),
     [
-        ("campaigns/wind.toml", "campaigns/wind.toml: no such file; the bundled one goes by its name: wind"),
+        ("campaigns/wind.toml", "campaigns/wind.toml: no such file; give the bundled one by its name: wind"),
         ("LONG", "LONG: File name too long"),
         ("wind --resume", "--resume: name the folder of the campaign to continue: --out DIR"),
         ("wind --out=", "--out: is empty, give it a name"),

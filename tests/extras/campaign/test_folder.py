@@ -58,10 +58,10 @@ def test_what_a_full_disk_left_of_our_own_files_is_begun_anew(campaign, tmp_path
 @pytest.mark.parametrize(
     ("name", "text", "resume", "says"),
     [
-        *((name, "mine\n", resume, f"holds {name}, which is not of this campaign: name another --out")
+        *((name, "mine\n", resume, f"holds {name}, which is not a file of this campaign: name another --out")
           for name in ("mission.toml", "campaign.toml", "summary.json", "runs.csv", "flight.png")
           for resume in (False, True)),
-        ("runs.csv", "a,b\n1,2\n3,4\n", False, "holds runs.csv, which is not of this campaign"),
+        ("runs.csv", "a,b\n1,2\n3,4\n", False, "holds runs.csv, which is not a file of this campaign"),
         ("runs.csv", "a,b\n1,2\n3,4\n", True, "cannot resume: campaign.toml is missing; name another --out"),
     ],
 )  # fmt: skip
@@ -139,7 +139,7 @@ def test_a_machine_without_locks_is_taken_as_it_is(campaign, tmp_path, monkeypat
 
 def test_fewer_runs_than_were_flown_are_refused_with_how_many_there_are(write, tmp_path):
     begin(tmp_path / "out", load_campaign(write(VARY, "runs = 24")), 3, 12, 23)
-    with pytest.raises(CampaignError, match=r"runs\.csv: holds run 12 and more: ask for at least 24 --runs"):
+    with pytest.raises(CampaignError, match=r"runs\.csv: already holds run 12: give --runs of at least 24"):
         Store(tmp_path / "out", load_campaign(write(VARY, "runs = 24"), runs=12), resume=True)
 
 

@@ -6,7 +6,7 @@ from math import atan2, cos, exp, hypot, pi, radians, sin, sqrt
 
 import numpy as np
 
-from circnav_mav.extras.fleet.law import Adjustment, Own, Spacing, SpacingSettings, gaps
+from circnav_mav.extras.fleet.law import Adjustment, OwnState, Spacing, SpacingSettings, gaps
 from circnav_mav.extras.fleet.phase import LAP, PhaseMap, circle_angle
 from circnav_mav.extras.fleet.report import MemberReport, State
 from circnav_mav.guidance.step import LawChoice, Steering
@@ -99,7 +99,7 @@ class Fleet:
         adjusted = None
         if self.active(i):
             leaving = world.leaves.get(i, 1e9) - self.time < 20.0
-            adjusted = self.spacings[i].step(self.time, Own(phase, sigma, r, leaving))
+            adjusted = self.spacings[i].step(self.time, OwnState(phase, sigma, r, leaving))
         self.adjusted[i] = adjusted
         radius = world.radius + (adjusted.offset if adjusted else 5 * world.radius)
         speed = self.speeds[i] * (adjusted.speed if adjusted else 1.0)

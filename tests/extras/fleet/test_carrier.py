@@ -236,7 +236,7 @@ def test_a_flood_costs_a_bounded_step_and_the_next_report_is_received():
 @pytest.mark.parametrize(
     ("link", "words"),
     [
-        (FleetLink(address="10.0.0.1"), "is no IPv4 multicast address: write one such as 239.255.145.51"),
+        (FleetLink(address="10.0.0.1"), "is not an IPv4 multicast address: write one such as 239.255.145.51"),
         (FleetLink(peers=("10.0.0.2",)), "'10.0.0.2': write HOST:PORT"),
         (FleetLink(peers=("[::1]:14560", "10.0.0.2:14560")), "use either IPv4 or IPv6 for all of them"),
     ],
@@ -267,7 +267,7 @@ def test_reports_are_in_the_tlog_without_signatures_and_are_read_back(tmp_path):
     recorder.close()
     assert recorder.problem is None
     back = list(recorded_steps(recorder.folder))
-    assert [one.frames_heard for one in back] == [one.frames_heard for one in steps]
+    assert [one.received_frames for one in back] == [one.received_frames for one in steps]
     assert [one.exchanged for one in back] == [one.exchanged for one in steps] and len(back) == 9
     read = list(recorded_reports(recorder.folder / "flight.tlog"))
     assert [(at, one.member, one.stamp) for at, one in read] == [

@@ -1,9 +1,12 @@
 """What `check` and `preflight` find out about a fleet before it flies."""
 
+from dataclasses import replace
 from math import nan
 
 import pytest
 
+from circnav_mav.cli.exits import Refused
+from circnav_mav.extras.fleet import listening
 from circnav_mav.extras.fleet.acceptance import Rejection
 from circnav_mav.extras.fleet.limits import spacing_settings
 from circnav_mav.extras.fleet.listening import judge_fleet
@@ -24,9 +27,9 @@ def lines(*overrides, name="arduplane"):
 
 def test_check_names_size_evenness_and_ranging_rate():
     found = lines("vehicle.speed_mps=15", "orbit.radius_m=100")
-    assert "6 members, at most 13 on 100 m by their compass errors" in found["fleet size"].says
-    assert "worst gap 5.4 deg rms" in found["fleet evenness"].says
-    assert "10 Hz gives each of 6 1.7 Hz" in found["fleet ranging"].says
+    assert "6 members, at most 13 on 100 m because of compass errors" in found["fleet size"].text
+    assert "worst gap 5.4 deg rms" in found["fleet evenness"].text
+    assert "10 Hz for one vehicle has 1.7 Hz for each of 6" in found["fleet ranging"].text
     assert all(line.grade is Grade.PASS for line in found.values())
 
 
@@ -43,6 +46,24 @@ def test_a_vehicle_of_constant_airspeed_is_spaced_by_radius_and_a_copter_by_spee
     assert spacing_settings(mission("bounds.min_range_m=140"), 1).most == pytest.approx(9 / 150)
 
 
+def test_a_flight_does_not_start_with_a_taken_id_or_layer_but_with_a_wrong_clock_elsewhere(monkeypatch):
+    own = mission("orbit.height_above_target_m=60")
+    other = MemberReport(0, 2, State.ON_CIRCLE, 0.0, 1.0, 0.01, 40.0, 100.0, 75.0, 1, (0.0, 0.0), (1.0, 0.0, 1.0))
+
+    def listen(height, rejected):
+        found = {2: replace(other, height=height)}, rejected, ["fleet link: clocks disagree"]
+        monkeypatch.setattr(listening, "_listen", lambda table, seconds: found)
+
+    listen(75.0, {Rejection.CLOCKS_DISAGREE: 9})
+    listening.refuse_taken(own, table_of(own))
+    listen(62.0, {})
+    with pytest.raises(Refused, match="members 1 and 2 are 2 m apart in height"):
+        listening.refuse_taken(own, table_of(own))
+    listen(75.0, {Rejection.SAME_ID: 2})
+    with pytest.raises(Refused, match="the id 1 is taken"):
+        listening.refuse_taken(own, table_of(own))
+
+
 def test_layers_below_15_m_are_refused_with_the_key():
     with pytest.raises(MissionError, match=r"fleet\.layer_m: must be at least 15, not 5"):
         mission("fleet.layer_m=5.0")
@@ -54,15 +75,15 @@ def test_layers_below_15_m_are_refused_with_the_key():
         (75.0, {}, [], []),
         (nan, {}, [], []),
         (64.0, {}, [], ["fleet layer"]),
-        (75.0, {Rejection.SAME_ID: 3}, ["fleet link: two members have one id"], ["fleet link"]),
+        (75.0, {Rejection.SAME_ID: 3}, ["fleet link: two members have the same id"], ["fleet link"]),
         (75.0, {Rejection.SAME_ID: 1}, [], ["fleet link"]),
         (75.0, {Rejection.CLOCKS_DISAGREE: 9}, ["fleet link: clocks disagree"], ["fleet link"]),
-        (75.0, {Rejection.MALFORMED: 9}, ["fleet link: frames are not whole"], []),
+        (75.0, {Rejection.MALFORMED: 9}, ["fleet link: frames are not complete"], []),
     ],
 )
 def test_preflight_refuses_a_taken_id_or_layer_and_clocks_that_disagree(height, rejected, problems, failed):
     given = mission()
     other = MemberReport(0, 2, State.ON_CIRCLE, 0.0, 1.0, 0.1, 40.0, 150.0, height, -1, (0.0, 0.0), (1.0, 0.0, 1.0))
     found = list(judge_fleet(given, table_of(given), {2: other}, rejected, problems))
-    assert "members received: 2" in found[0].says
+    assert "members received: 2" in found[0].text
     assert [line.subject for line in found if line.grade is Grade.FAIL] == failed

@@ -10,7 +10,7 @@ from circnav_sim.vehicle import Truth
 from circnav_sim.world import to_degrees
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.extras.locate.estimator import NotYet, locate
+from circnav_mav.extras.locate.estimator import NotLocated, locate
 from circnav_mav.extras.locate.locator import LocateSettings, Locator
 from circnav_mav.extras.locate.place import Place
 from circnav_mav.pilot.loop_step import LoopStep
@@ -39,8 +39,8 @@ class Surveyed(Flight):
         super()._keep(step)
         locator = self.locator
         assert locator is not None
-        for link, source, frames in step.heard:
-            locator.hear(link, source, frames, self.now)
+        for link, source, frames in step.received:
+            locator.on_frames(link, source, frames, self.now)
         if self.now >= max(self.solve_from, self._solve_at) and (job := locator.job(self.now)) is not None:
             self._solve_at = self.now + self.solve_every
             locator.found(locate(*job))
@@ -56,7 +56,7 @@ class Surveyed(Flight):
                 watch(self)
         return self
 
-    def solve(self) -> Place | NotYet:
+    def solve(self) -> Place | NotLocated:
         """What the survey makes of all that it has heard."""
         assert self.locator is not None
         self.locator._solve_at = 0.0
@@ -95,7 +95,7 @@ class Taped(Surveyed):
 
     def _keep(self, step: LoopStep) -> None:
         super()._keep(step)
-        self.tape += [(self.now, frame) for frame in step.frames_heard]
+        self.tape += [(self.now, frame) for frame in step.received_frames]
 
     def write(self, file: Path) -> None:
         """Write a tlog."""

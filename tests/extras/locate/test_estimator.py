@@ -6,7 +6,7 @@ from math import hypot
 import numpy as np
 import pytest
 
-from circnav_mav.extras.locate.estimator import NotYet, Ranges, Track, locate
+from circnav_mav.extras.locate.estimator import NotLocated, Ranges, Track, locate
 from circnav_mav.extras.locate.place import Place
 from tests.extras.locate.worlds import KNOWN, PLANE, circles
 
@@ -70,7 +70,7 @@ def test_a_straight_track_fits_two_places_and_so_tells_none():
     east = 15.0 * t
     ranges = Ranges(t, np.hypot(east - 300, 120.0), np.full(len(t), 0.5))
     answer = locate(PLANE, Track(t, east, 0 * t, 0 * t), ranges, replace(KNOWN, up=0.0, up_sigma=5.0))
-    assert isinstance(answer, NotYet) and "turn" in answer.why
+    assert isinstance(answer, NotLocated) and "turn" in answer.why
 
 
 def test_a_radio_whose_error_wanders_makes_the_place_less_certain_than_a_white_one():

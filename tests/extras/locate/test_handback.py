@@ -7,14 +7,14 @@ import pytest
 from circnav_sim.world import to_degrees
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.extras.locate.handback import DeadReckoning, HandBack, HandBackSettings, Health, Where
+from circnav_mav.extras.locate.handback import DeadReckoning, HandBack, HandBackSettings, Health, PositionEstimate
 from circnav_mav.extras.locate.place import Place, Plane
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RelativeMotion
 from tests.extras.locate.flown import GPS_LOST, surveyed
 
 POSITION = mavlink.MAV_CMD_EXTERNAL_POSITION_ESTIMATE
 LOST_AT, END = 60.0, 105.5  # not a whole second: each position is answered
-HERE = Where(0.0, 15.0, 0.0, 3.0, 0j, 1.0, True)
+HERE = PositionEstimate(0.0, 15.0, 0.0, 3.0, 0j, 1.0, True)
 ON_PLANE = Plane(-35.0, 149.0)
 
 
@@ -91,8 +91,8 @@ def test_nothing_is_given_while_there_is_a_position_or_nobody_says_so_and_no_mor
 
 
 def test_the_alarm_does_not_say_that_a_position_is_given_when_none_is():
-    assert give([False] * 100, mavlink.MAV_RESULT_ACCEPTED)[0].words.startswith("position lost, given by ranges")
-    assert "none to give" in give([False] * 100, mavlink.MAV_RESULT_ACCEPTED, until=5.0)[0].words
+    assert give([False] * 100, mavlink.MAV_RESULT_ACCEPTED)[0].words.startswith("position lost, sent one from ranges")
+    assert "no replacement" in give([False] * 100, mavlink.MAV_RESULT_ACCEPTED, until=5.0)[0].words
     assert give([False] * 50 + [True] * 20 + [False] * 10, mavlink.MAV_RESULT_ACCEPTED)[0].words == ""
 
 
@@ -125,18 +125,18 @@ def test_a_position_is_lost_only_where_receivers_and_estimator_both_say_so(said,
     for ident, value in said.items():
         message = mavlink.mavlink_map[ident]
         fields = {name: value if name in ("fix_type", "flags") else 0 for name in message.fieldnames}
-        health.hear(message(**fields), 10.0)
+        health.on_message(message(**fields), 10.0)
     assert health.good(12.0) is good
     assert health.good(13.1) is None, "an old word counts"
 
 
-def reckoned(heard):
+def reckoned(received):
     """Due north at 20 m/s through the air, 5 m/s of wind to the east, for 60 s from 100 m east of the target. heard:
     whether the vehicle is, by the time, s."""
     reckoning = DeadReckoning()
-    reckoning.where = Where(0.0, 100.0, 0.0, 3.0, 5 + 0j, 1.0, True)
+    reckoning.where = PositionEstimate(0.0, 100.0, 0.0, 3.0, 5 + 0j, 1.0, True)
     for now in np.arange(1, 601) / 10:
-        reckoning.step(now, OwnMotion(now, pi / 2, 0.0, 20.0) if heard(now) else None, None, None)
+        reckoning.step(now, OwnMotion(now, pi / 2, 0.0, 20.0) if received(now) else None, None, None)
     return reckoning.where
 
 
@@ -156,7 +156,7 @@ def test_a_gap_in_attitude_or_airspeed_costs_certainty_and_not_the_place():
 
 def test_a_slow_tick_costs_certainty_and_not_the_place():
     reckoning = DeadReckoning()
-    reckoning.where = Where(0.0, 0.0, 0.0, 3.0, 0j, 1.0, True)
+    reckoning.where = PositionEstimate(0.0, 0.0, 0.0, 3.0, 0j, 1.0, True)
     reckoning.step(2.0, OwnMotion(2.0, 0.0, 0.0, 20.0), None, None)
     assert (reckoning.where.east, reckoning.where.sigma) == pytest.approx((40.0, 43.0), abs=0.1)
 
@@ -257,7 +257,7 @@ def test_a_distance_that_cannot_be_moves_nothing():
         (mavlink.MAV_RESULT_UNSUPPORTED, 0.0, 1, "the autopilot answered: "),
         (mavlink.MAV_RESULT_DENIED, 0.0, 1, "the autopilot answered: "),
         (77, 0.0, 1, "the autopilot answered: result 77"),
-        (mavlink.MAV_RESULT_ACCEPTED, 400.0, 3, "positions are accepted, and have no effect"),
+        (mavlink.MAV_RESULT_ACCEPTED, 400.0, 3, "positions are accepted, but have no effect"),
     ],
     ids=["unknown", "denied", "not understood", "accepted without effect, as where DCM flies"],
 )

@@ -267,10 +267,13 @@ def test_a_ranging_antenna_off_the_gps_antenna_reads_as_delay_and_bias_and_leave
         ("time,lat,lon\n1,2,3\n", "no column range"),
         ("time,lat,lon,range\n1,2,3,\n2,2,3,\n", "no ranges in it"),
         ("time,lat,lon,range\n1,,,5\n2,,,6\n", "no positions in it"),
-        ("time,lat,lon,range\n1,95,3,5\n", "line 2: 95 3 is no place"),
-        ("time,lat,lon,range\nnoon,2,3,5\n", "line 2: time: 'noon' is not a time: seconds, or as 2026"),
+        ("time,lat,lon,range\n1,95,3,5\n", "line 2: 95 3 is not a position"),
+        (
+            "time,lat,lon,range\nnoon,2,3,5\n",
+            "line 2: time: 'noon' is not a time: write seconds, or a time such as 2026",
+        ),
         ("time,lat,lon,range\n1,2,3,far\n", "line 2: range: 'far' is not a number"),
-        ("time,lat,lon,range\n1,2,3,1e160\n", "line 2: range: 1e.160 is too large: s, degrees and m are meant"),
+        ("time,lat,lon,range\n1,2,3,1e160\n", "line 2: range: 1e.160 is too large: s, degrees or m expected"),
         ("time,lat,lon,range\n1e300,2,3,5\n", "line 2: time: 1e.300 is too large"),
         ("time,lat,lon,range\n1,2,3,5\n2,2,3,5\n", "no target was located"),
     ],
@@ -283,7 +286,7 @@ def test_bad_input_is_one_line_that_names_file_and_remedy(tmp_path, text, says):
 
 
 def test_a_log_that_is_not_there_is_bad_usage_whatever_its_name(tmp_path):
-    for name, exit in (("nothing in it.csv", Exit.USAGE), ("empty.csv", Exit.NOTHING_HEARD)):
+    for name, exit in (("nothing in it.csv", Exit.USAGE), ("empty.csv", Exit.NOTHING_RECEIVED)):
         (tmp_path / "empty.csv").write_text("time,lat,lon,range\n")
         with pytest.raises(Refused) as refusal:
             run(tmp_path / name)

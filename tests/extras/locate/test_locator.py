@@ -11,7 +11,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.extras.locate import onlooker
-from circnav_mav.extras.locate.handback import HandBackSettings, Where
+from circnav_mav.extras.locate.handback import HandBackSettings, PositionEstimate
 from circnav_mav.extras.locate.locator import AFTER, STREAMS, LocateSettings, Locator
 from circnav_mav.extras.locate.place import Place, Plane
 from circnav_mav.guidance.types import OwnMotion
@@ -20,7 +20,7 @@ from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import VEHICLE
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runtime.onlookers import Onlookers, OnlookerSettings
-from circnav_mav.runtime.status import Watch
+from circnav_mav.runtime.status import StatusSource
 from tests.flight.lockstep import CONFIG
 from tests.rig import Rig, decode, scattering
 
@@ -41,7 +41,7 @@ class Beside:
         """In one datagram."""
         data = b"".join(map(self.rig.vehicle.say, messages))
         self.rig.pilot.receive(data, self.rig.now, "vehicle", VEHICLE)
-        self.locator.hear(VEHICLE, "vehicle", self.rig.pilot.take_frames(), self.rig.now)
+        self.locator.on_frames(VEHICLE, "vehicle", self.rig.pilot.take_frames(), self.rig.now)
 
     def run(self, seconds):
         def step():
@@ -120,8 +120,8 @@ def failing(monkeypatch):
     beside = Beside(handback=HandBackSettings(place=(47.3, 8.5))).run(3.0)
     monkeypatch.setattr(beside.locator, "job", lambda now: ())
     monkeypatch.setattr(beside.locator, "_own", lambda now: OwnMotion(now, 0.0, 0.0, 15.0))
-    beside.locator._reckoning.where = Where(beside.rig.now, 0.0, 0.0, 3.0, 0j, 1.0, False)
-    return beside, onlooker.Locating(beside.locator, "target", waits=True)
+    beside.locator._reckoning.where = PositionEstimate(beside.rig.now, 0.0, 0.0, 3.0, 0j, 1.0, False)
+    return beside, onlooker.LocateOnlooker(beside.locator, "target", waits=True)
 
 
 def test_a_name_for_cursor_on_target_is_looked_up_before_the_flight():
@@ -139,7 +139,7 @@ def turns(beside, locating, seconds, *others):
         lost = (mavlink.MAVLink_gps_raw_int_message(0, 1, 0, 0, 0, 1, 1, 0, 0, 9),
                 mavlink.MAVLink_ekf_status_report_message(0x12F, 0, 0, 0, 0, 0, 0))  # fmt: skip
         frames = [beside.rig.vehicle.say(message) for message in (*lost, *others)]
-        said += locating.on_step(None, LoopStep(beside.rig.now, heard=[(VEHICLE, "vehicle", frames)]), None)
+        said += locating.on_step(None, LoopStep(beside.rig.now, received=[(VEHICLE, "vehicle", frames)]), None)
     return [message for frame in said for message in decode(frame)]
 
 
@@ -150,7 +150,9 @@ def test_a_survey_that_fails_is_an_alarm_in_flight_and_leaves_the_hand_back_alon
         monkeypatch.setattr(beside.locator, broken, lambda *given: 1 / 0)
     given = [one for one in turns(beside, locating, 6.0) if one.get_type() == "COMMAND_INT"]
     assert given and beside.locator.handback.begun
-    status = Watch(beside.rig.pilot, Onlookers([locating])).status(beside.rig.pilot.take_records()[-1], beside.rig.now)
+    status = StatusSource(beside.rig.pilot, Onlookers([locating])).status(
+        beside.rig.pilot.take_records()[-1], beside.rig.now
+    )
     assert any("survey of the target stopped at" in alarm for alarm in status.alarms)
 
 
@@ -165,7 +167,7 @@ def test_a_vehicle_with_two_receivers_is_given_nothing_while_the_second_has_a_fi
 @pytest.mark.parametrize("how", ["the position is back", "a signal"])
 def test_streams_are_given_back_when_the_hand_back_ends_that_outlasts_guidance(how):
     beside = Beside(Rig(exit="stop"), handback=HandBackSettings(place=(47.3, 8.5))).run(3.0)
-    locating = onlooker.Locating(beside.locator, "target", waits=True)
+    locating = onlooker.LocateOnlooker(beside.locator, "target", waits=True)
     turns(beside, locating, 3.0)
     beside.rig.pilot.interrupt(beside.rig.now, "SIGINT")
     turns(beside, locating, 1.0)

@@ -260,7 +260,7 @@ def test_a_time_without_a_zone_is_noted_and_read_in_the_zone_that_is_given(tmp_p
         assert (log.positions[0][0], log.epoch, log.notes) == (noon, 0.0, [])
     log = read("2026-07-01 12:00:00")
     assert log.positions[0][0] == noon and log.notes == [
-        "times carry no time zone and are read as UTC; --timezone gives another one"
+        "times carry no time zone and are read as UTC; --timezone selects another one"
     ]
     log = read("2026-07-01 14:00:00", _zone("Europe/Vienna"))
     assert log.positions[0][0] == noon and log.notes == ["times carry no time zone and are read as Europe/Vienna"]
@@ -338,7 +338,7 @@ def test_positions_come_from_a_file_beside_the_ranges(tmp_path, writer: Callable
     (late,) = with_positions([replace(log, epoch=-7200.0, notes=[])], [log], positions)
     assert "the ranges begin 2.00 h before the positions. If one file has local time, give --timezone" in late.notes[0]
     apart = [replace(one, epoch=None) for one in logs]
-    with pytest.raises(RunError, match="the positions have UTC, the ranges a clock of their own"):
+    with pytest.raises(RunError, match="the positions have UTC, the ranges another clock"):
         with_positions(apart, read_logs(positions, ReadOptions(ranges=False)), positions)
 
 
@@ -393,13 +393,15 @@ def test_repeated_and_frozen_values_are_left_out_and_coarse_ones_are_kept(tmp_pa
         return read_logs(tmp_path / "log.csv")[0]
 
     resent = read(track, replace(ranges, r=ranges.r[np.arange(len(ranges.r)) // 5 * 5]))
-    assert resent.notes == ["target: each range is sent 5 times; its first counts"]
+    assert resent.notes == ["target: each range is sent 5 times; the first one is used"]
     assert len(resent.ranges["target"]) == -(-len(ranges.r) // 5)
 
     stuck = ranges.r.copy()
     stuck[200:400] = stuck[200]
     frozen = read(track, replace(ranges, r=stuck))
-    assert "200 ranges stand still, 1 times; the longest at" in frozen.notes[0] and "20.0 to 39.9 s" in frozen.notes[0]
+    assert (
+        "200 ranges do not change, 1 times; the longest at" in frozen.notes[0] and "20.0 to 39.9 s" in frozen.notes[0]
+    )
     assert len(frozen.ranges["target"]) == len(ranges.r) - 199
 
     coarse = read(track, replace(ranges, r=ranges.r.round()))
@@ -408,7 +410,7 @@ def test_repeated_and_frozen_values_are_left_out_and_coarse_ones_are_kept(tmp_pa
     east, north = track.east.copy(), track.north.copy()
     east[100:200], north[100:200] = east[100], north[100]
     lost = read(replace(track, east=east, north=north), ranges)
-    assert "positions stand still from 20.0 to 39.8 s" in lost.notes[0]
+    assert "positions do not change from 20.0 to 39.8 s" in lost.notes[0]
     for log in (resent, frozen, coarse, lost):
         assert off(placed(log, "target"), place) < 1.5
 
@@ -449,7 +451,7 @@ def test_parameters_give_the_place_the_known_height_and_what_32_bits_lose():
                              "# b, for the table of your beacon device: -40.00 m north, 30.00 m east of the origin",
                             ]  # fmt: skip
     lost = np.hypot(*Plane(*BEACON).to_metres(float(np.float32(BEACON[0])), float(np.float32(BEACON[1]))))
-    assert f"as 32-bit numbers the coordinates are {lost:.1f} m off" in ardupilot[0]
+    assert f"32-bit numbers change the coordinates by {lost:.1f} m" in ardupilot[0]
     px4 = "\n".join(PARAMETERS["px4"]({"beacon 3 of 1/1": known, "b": other}))
     assert "param set RNGBC1_ID 3\nparam set RNGBC1_LAT -35.36300000\nparam set RNGBC1_LON 149.16500000" in px4
     assert "param set RNGBC1_ALT 584.20" in px4 and "# RNGBC2_ALT: the height is not observable" in px4
@@ -458,10 +460,10 @@ def test_parameters_give_the_place_the_known_height_and_what_32_bits_lose():
 @pytest.mark.parametrize(
     ("option", "says"),
     [
-        (("--timezone", "Mars"), "--timezone Mars: is no time zone"),
-        (("--units", "furlong"), "--units furlong: is no unit: m, cm, .* or the number of meters in one"),
-        (("--units", "-1"), "--units -1: is no unit"),
-        (("--vehicle", "2"), r"--vehicle picks one of the vehicles of a tlog; this is a table"),
+        (("--timezone", "Mars"), "--timezone Mars: is not a time zone"),
+        (("--units", "furlong"), "--units furlong: is not a unit: m, cm, .* or the length of the unit in meters"),
+        (("--units", "-1"), "--units -1: is not a unit"),
+        (("--vehicle", "2"), r"--vehicle selects one of the vehicles of a tlog; this is a table"),
         (("--positions", str(CASES / "01-two-vehicles.tlog")), "positions of 2 vehicles: give --vehicle"),
         (("--positions", "nowhere.gpx"), "nowhere.gpx: no such file"),
     ],

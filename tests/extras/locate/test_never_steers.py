@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.extras.locate.estimator import locate
 from circnav_mav.extras.locate.handback import HandBackSettings
-from circnav_mav.extras.locate.locator import COMMANDS, SAYS, LocateSettings, Locator
+from circnav_mav.extras.locate.locator import COMMANDS, SENT_TYPES, LocateSettings, Locator
 from circnav_mav.pilot import VEHICLE
 from circnav_mav.pilot.mission_state import Phase
 from tests.extras.locate.flown import GPS_LOST, surveyed
@@ -30,7 +30,7 @@ class SurveyedRig(Rig):
 
     def hear(self, message, **how):
         super().hear(message, **how)
-        self.locator.hear(VEHICLE, how.get("source") or self.source, self.pilot.take_frames(), self.now)
+        self.locator.on_frames(VEHICLE, how.get("source") or self.source, self.pilot.take_frames(), self.now)
 
     def step(self):
         messages = super().step()
@@ -70,7 +70,7 @@ def test_a_flight_sends_not_a_byte_else_while_place_circle_camera_and_position_l
     flown.solve_from, flown.solve_every = 50.0, 10.0
     flown.fly(80.0)
     said = [message for _, message in flown.messages]
-    assert {one.get_type() for one in said} == SAYS
+    assert {one.get_type() for one in said} == SENT_TYPES
     assert {one.command for one in said if one.get_type().startswith("COMMAND")} == COMMANDS - {ROI_NONE}
     assert flown.sent == flight("arduplane", *GPS_LOST, law="auto").fly(80.0).sent
     flown.fly(95.0)
@@ -89,12 +89,12 @@ def test_false_positions_change_no_byte_of_the_output_with_survey_and_hand_back_
             # without a place in the vehicle's own count: the honest rig hears none of these
             frame = lied_to.vehicle.say(message)
             lied_to.pilot.receive(frame, lied_to.now, lied_to.source)
-            lied_to.locator.hear(VEHICLE, lied_to.source, lied_to.pilot.take_frames(), lied_to.now)
+            lied_to.locator.on_frames(VEHICLE, lied_to.source, lied_to.pilot.take_frames(), lied_to.now)
     assert honest.pilot.mission.phase is Phase.ENGAGED
     assert lied_to.raw == honest.raw
     said = [message for frame in lied_to.survey for message in decode(frame)]
     assert said, "the survey was silent: nothing was tested"
-    assert {one.get_type() for one in said} <= SAYS and not SAYS & SETPOINTS
+    assert {one.get_type() for one in said} <= SENT_TYPES and not SENT_TYPES & SETPOINTS
     assert {one.command for one in said if one.get_type().startswith("COMMAND")} <= COMMANDS
     assert {one.get_srcComponent() for one in said} == {194}
 
@@ -122,5 +122,5 @@ def test_what_moves_a_vehicle_cannot_leave_the_survey():
         mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0),
         mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, 4, 0, 0, 0, 0, 0),
     ):
-        with pytest.raises(ValueError, match="must not leave"):
+        with pytest.raises(ValueError, match="must not send"):
             rig.locator._encode(message)

@@ -14,7 +14,7 @@ NOTHING = {"place": None, "gps_watch": [], "handback": None}
 @pytest.mark.parametrize(
     ("found", "words"),
     [
-        ({"place": PLACE}, "  target     47.5000000 8.2500000 +-1.4 m, height not observable"),
+        ({"place": PLACE}, "  target     47.5000000 8.2500000 ±1.4 m, height not observable"),
         ({"place": PLACE | {"moves": True, "altitude_m": 7.0}}, ", moves 2.0 m/s towards 045 deg, altitude 7.0 m"),
         ({"gps_watch": [{"time_s": 61.2, "text": "off"}]}, "  WARNING    GPS watch, 61 s: off"),
         ({"handback": {"sent": 3, "accepted": 2, "ended": "done"}}, "3 positions sent, 2 accepted; done"),

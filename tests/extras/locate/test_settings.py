@@ -17,14 +17,14 @@ def mission(*overrides):
 
 def said(*overrides):
     """The grades and texts of the check lines about the survey."""
-    return [(line.grade, line.says) for line in check_mission(mission(*overrides)) if line.subject == "locate"]
+    return [(line.grade, line.text) for line in check_mission(mission(*overrides)) if line.subject == "locate"]
 
 
 @pytest.mark.parametrize("where", ["239.2.3.1:99999", "239.2.3.1:0", "239.2.3.1", ":6969", "::1:6969", "tak:x"])
 def test_a_place_for_datagrams_has_a_host_and_a_port_that_exists(where):
     with pytest.raises(MissionError) as refused:
         mission(f"locate.cot={where!r}")
-    line = 'm.toml: locate.cot: must be host:port, port 1 .. 65535, such as "239.2.3.1:6969"'
+    line = 'm.toml: locate.cot: must be host:port, port 1 to 65535, such as "239.2.3.1:6969"'
     assert str(refused.value).startswith(line)
 
 
@@ -35,7 +35,7 @@ def test_a_place_of_the_target_is_given_whole():
 
 def test_a_camera_is_no_copters_which_would_turn_its_nose():
     on = ("locate.enabled=true", "locate.camera=true")
-    assert said(*on) == [(FAIL, "locate.camera = true: a copter turns its nose to the target, leave it out")]
+    assert said(*on) == [(FAIL, "locate.camera = true: a copter turns its nose to the target, omit it")]
     assert said(*PLANE, *on) == []
     assert locate_settings(mission(*PLANE, *on)).camera
 

@@ -5,7 +5,7 @@ from math import atan2, cos, hypot, pi, sin
 
 import pytest
 
-from circnav_mav.extras.locate.watch import FaultSource, GpsWatch, Look
+from circnav_mav.extras.locate.watch import FaultSource, GpsWatch, Observation
 from tests.extras.locate.flown import surveyed
 from tests.flight.lockstep import flight
 
@@ -30,7 +30,7 @@ def looks(fault, *, noise=1.0):
         by_position = atan2(-told[1], -told[0])
         bearing = (angle + pi + turned - by_position + pi) % (2 * pi) - pi
         air = rect(hypot(*air), atan2(air[1], air[0]) + turned)
-        yield Look(t, *told, air, (measured - hypot(*told) + wobble, 2.0), (bearing, 0.06))
+        yield Observation(t, *told, air, (measured - hypot(*told) + wobble, 2.0), (bearing, 0.06))
 
 
 @pytest.mark.parametrize(
@@ -38,17 +38,17 @@ def looks(fault, *, noise=1.0):
 )
 def test_what_fails_together_names_the_culprit_within_ten_seconds(fault, culprit):
     watch = GpsWatch()
-    found = [(look.time, watch.culprit) for look in looks(fault) if watch.see(look) or watch.culprit]
+    found = [(look.time, watch.fault) for look in looks(fault) if watch.see(look) or watch.fault]
     assert FROM < found[0][0] <= FROM + 10.0
     assert {named for _, named in found} == {culprit}, "it is not another one a minute later"
-    assert len(watch.told) == 1 and f"{culprit.value} likeliest" in watch.told[0][1]
+    assert len(watch.reported) == 1 and f"most likely wrong: {culprit.value}" in watch.reported[0][1]
 
 
 def test_an_honest_flight_in_wind_raises_no_alarm():
     watch = GpsWatch()
     for look in looks("none"):
         watch.see(look)
-    assert watch.told == []
+    assert watch.reported == []
 
 
 def test_a_spoof_of_the_emulated_vehicle_is_told_within_ten_seconds_and_leaves_flight_and_place_alone():
@@ -59,9 +59,9 @@ def test_a_spoof_of_the_emulated_vehicle_is_told_within_ten_seconds_and_leaves_f
     flown.solve_from, flown.solve_every = 55.0, 5.0
     flown.fly(86.0)
     watch = flown.locator.watch
-    assert watch.told and 75.0 < watch.told[0][0] <= 85.0 and "GPS likeliest" in watch.told[0][1]
+    assert watch.reported and 75.0 < watch.reported[0][0] <= 85.0 and "most likely wrong: GPS" in watch.reported[0][1]
     texts = [message.text for _, message in flown.messages if message.get_type() == "STATUSTEXT"]
-    assert "circnav: GPS WATCH: GPS likeliest wrong" in texts
+    assert "circnav: GPS WATCH: most likely wrong: GPS" in texts
     place = flown.locator.place
     assert hypot(*flown.error(place)) < 5.0
     alone = flight("quickstart", *changes, law="smooth").fly(86.0)

@@ -58,7 +58,17 @@ def test_ticks_truth_and_events_come_back_at_the_times_of_the_flight(exported, r
     assert set(tick) <= set(json.loads(schema.data)["properties"])
     assert found["/truth"][0][1]["radius"] == pytest.approx(316, abs=2)
     log = [(row.name, row.message) for _, row, _ in found["/events"]]
-    assert {("phase", "engaged"), ("mode", "GUIDED"), ("circnav says", "engaged, 100 m clockwise")} <= set(log)
+    assert {("phase", "engaged"), ("mode", "GUIDED"), ("circnav message", "engaged, 100 m clockwise")} <= set(log)
+
+
+def test_a_fleet_folder_becomes_one_file_with_all_vehicles(circnav, flown, tmp_path):
+    for member in ("01", "02"):
+        shutil.copytree(flown, tmp_path / "fleet" / member)
+    assert circnav("export", tmp_path / "fleet", "--mcap").done
+    with (tmp_path / "fleet" / "flight.mcap").open("rb") as file:
+        summary = reader.make_reader(file).get_summary()
+    topics = {channel.topic for channel in summary.channels.values()}
+    assert topics == {f"/{member}{topic}" for member in ("01", "02") for topic in OURS | set(FOXGLOVE) - {"/fix"}}
 
 
 def test_the_mission_and_the_manifest_travel_along_and_a_place_that_cannot_be_written_is_named(
@@ -119,7 +129,7 @@ def test_a_position_that_the_vehicle_reports_is_a_fix_on_the_map_and_a_text_in_c
     here = mavlink.MAVLink_global_position_int_message(1000, 473977420, 85455940, 488000, 0, 0, 0, 0, 0)
     heard_late(run, here, *(mavlink.MAVLink_statustext_message(3, text, 7, at) for at, text in enumerate(parts)))
     found = exported()
-    said = [row for _, row, _ in found["/events"] if row.name == "vehicle says" and "EKF3" in row.message]
+    said = [row for _, row, _ in found["/events"] if row.name == "vehicle message" and "EKF3" in row.message]
     assert [(row.message, row.level) for row in said] == [(whole, 4)]  # ERROR
     ((at, fix, _),) = found["/fix"]
     assert (fix.latitude, fix.longitude, fix.altitude) == pytest.approx((47.3977420, 8.5455940, 488.0))
@@ -168,7 +178,7 @@ def test_an_export_is_written_over_nothing_that_is_no_export_and_one_that_fails_
 
 def test_wrong_usage_and_what_is_no_run_are_one_line(circnav):
     assert circnav("export", "nowhere", "--mcap").refused.startswith("nowhere: no such run folder")
-    assert circnav("export", "nowhere").refused.startswith("export: name the output: --mcap")
+    assert circnav("export", "nowhere").refused.startswith("export: name the output format: --mcap")
 
 
 # --- runs that are damaged ---

@@ -28,10 +28,10 @@ class TextPort:
         self.troubles = Counter()
 
     def receive(self, now):
-        heard = [mavlink.MAVLink(None).decode(bytearray(frame)) for frame, _ in self._link.receive(now)]
+        received = [mavlink.MAVLink(None).decode(bytearray(frame)) for frame, _ in self._link.receive(now)]
         if SILENT[0] < now < SILENT[1]:
             return []
-        stamped = [(one.time_usec / 1e6, one.range / 1000) for one in heard]
+        stamped = [(one.time_usec / 1e6, one.range / 1000) for one in received]
         lines = [f"{stamp},4,33.3\n{stamp},3,{metres}\nno range\n" for stamp, metres in stamped]
         return [(line.encode(), ("10.0.0.9", 4000)) for line in lines]
 
@@ -61,4 +61,4 @@ def test_of_two_beacons_none_is_circled_until_one_is_named(tmp_path):
     assert pilot.mission.engaged_at is None
     said = pilot.mission.outcome.reason
     assert said.startswith("2 range sources: ") and "beacon_id 4 (33.3 m)" in said
-    assert said.endswith("name yours with ranging.beacon_id")
+    assert said.endswith("select yours by ranging.beacon_id")

@@ -25,8 +25,8 @@ class Wire:
         self.troubles, self.waiting = Counter(), []
 
     def receive(self, now):
-        heard, self.waiting = self.waiting, []
-        return heard
+        received, self.waiting = self.waiting, []
+        return received
 
 
 class Radio:
@@ -77,7 +77,7 @@ def test_only_numbers_that_are_ranges_pass_as_such(line, millimetres, sigma, sta
 
 def test_a_wrong_baud_rate_is_said_in_one_line_and_heals_and_a_radio_that_sees_no_beacon_is_no_trouble():
     radio = Radio("linktrack", LinkTrack(), datagrams=False)
-    wrong = "bytes come in that are none of linktrack: another baud rate, driver or output of the radio?"
+    wrong = "bytes received that are not of linktrack: another baud rate, driver or output of the radio?"
 
     def ten_seconds(began, *data):
         """How many readings there were in every step, and what is said by then."""
@@ -116,7 +116,7 @@ def test_what_a_driver_gives_that_is_no_range_costs_no_flight_and_the_list_of_it
     ]
     for number in range(1000):
         radio.hears(str(number).encode(), now=float(number))
-    assert radio.link.troubles["driver odd failed in other ways"] == 999
+    assert radio.link.troubles["driver odd failed with other errors"] == 999
     assert len("".join(radio.link.troubles)) < 1000
 
 

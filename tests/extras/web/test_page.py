@@ -41,7 +41,7 @@ def test_a_port_in_use_is_refused_before_anything_flies(circnav, mission, tmp_pa
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         line = circnav("fly", mission, "--web", port, "--out", tmp_path / "out").refused
-    assert line.startswith(f"--web {port}: 127.0.0.1:{port} cannot be had: Address already in use; choose")
+    assert line.startswith(f"--web {port}: 127.0.0.1:{port} cannot be used: Address already in use; choose")
     assert not (tmp_path / "out").exists()
 
 

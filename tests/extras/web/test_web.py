@@ -283,9 +283,9 @@ def test_the_truth_of_the_bundled_vehicle_alone_is_told_and_what_is_no_number_is
     frames = [truth_frame(nan, 2.0), good, truth_frame(1.0, inf), truth_frame(-inf, 1.0)]
     flown.fly(8.0)
     with closing(open_page(flown.pilot, truth=bundled)) as page:
-        monkeypatch.setattr(page, "_tell", told.append)
+        monkeypatch.setattr(page, "_queue_event", told.append)
         for frame in frames:
-            page.on_step(flown.ticks[-1], LoopStep(flown.now, heard=[("main", "anybody", [frame])]), None)
+            page.on_step(flown.ticks[-1], LoopStep(flown.now, received=[("main", "anybody", [frame])]), None)
     known = [(None, None), *[(4.0, 30.0)] * 3] if bundled else [(None, None)] * 4
     assert [(what["east"], what["north"]) for what in told] == known
 

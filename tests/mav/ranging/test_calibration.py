@@ -51,7 +51,7 @@ def test_a_reading_below_that_of_length_zero_is_no_range():
     [
         ("ranging.points_m=[[0, 4.4]]", "both rising"),
         ("ranging.points_m=[[0, 4.4], [50, 4.4]]", "both rising"),
-        ("ranging.points_m=[[0, 4.4], [50, 57.6]]|ranging.scale=1.1", "goes without scale and bias_m"),
+        ("ranging.points_m=[[0, 4.4], [50, 57.6]]|ranging.scale=1.1", "includes scale and bias_m"),
         ("ranging.scale=0.0", "scale"),
     ],
 )
@@ -62,7 +62,7 @@ def test_a_calibration_that_no_radio_has_is_refused(given, words):
 
 def test_check_says_what_the_radio_reports_on_the_circle():
     mission = load_mission(CONFIG / "quickstart.toml", [f"ranging.points_m={LISTED}", "orbit.radius_m=300"])
-    lines = [line.says for line in check_mission(mission) if line.subject == "calibration"]
+    lines = [line.text for line in check_mission(mission) if line.subject == "calibration"]
     assert lines[0] == "6 points: 301.5 m on the circle are reported as 306.6 m"
     assert "covers 0 to 250 m" in lines[1]
 

@@ -88,4 +88,4 @@ def test_a_lie_is_left_out_and_named():
         pair.range(400.0 - 10.0 * t, t)
         said.append(pair.rate(10.0 + 0.01 * (i % 7), t))
     assert said[0] is not None and said[-1] is None
-    assert "the opposite: see ranging.rate_sign" in pair.rates.trouble
+    assert "opposite sign: see ranging.rate_sign" in pair.rates.trouble

@@ -110,7 +110,7 @@ LAYERS = (
     Layer("radius trim", "", "next_trim", "saturated", lambda of, *before, **seen: 0.0),
     Layer("side-slip", "SideSlip", "follow", "own", lambda of, self, own: (self, own)),
     Layer("lap plan", "", "plan", "limit", lambda of, *circle, **how: None, batch=True),
-    Layer("accelerations", "PathPoint", "felt_since", "before", lambda of, self, before: None),
+    Layer("accelerations", "PathPoint", "velocity_change_since", "before", lambda of, self, before: None),
     Layer("change of drift", "", "drift", "change", lambda of, *at, **how: of(*at, **how | {"change": (0, 0)}), True),
 )
 NAMES = tuple(layer.name for layer in LAYERS)

@@ -49,13 +49,13 @@ class Bench:
                 self.sent += 1
                 if message_id(frame) == RANGE:
                     range_at = time.perf_counter()
-            first = not vehicle.heard
+            first = not vehicle.received
             if any(message_id(frame) == SETPOINT for frame in frames(vehicle.hear())):
                 self.setpoints.append(now)
                 if range_at is not None:
                     self.latencies.append(time.perf_counter() - range_at)
                     range_at = None
-            if first and vehicle.heard:
+            if first and vehicle.received:
                 for number, rate in EXTRA.items():
                     ask = mavlink.MAVLink_command_long_message(1, 1, 511, 0, number, 1e6 / rate, 0, 0, 0, 0, 0)
                     vehicle.vehicle.receive(write(ask, *GCS))
@@ -71,7 +71,7 @@ def lateness(ticks: Path) -> list[float]:
         for row in csv.DictReader(file):
             at = float(row["time"])
             if int(row["accepted"]) > accepted:
-                beat.heard(at)
+                beat.received(at)
             elif row["phase"] == "engaged":
                 late.append(at - beat.due)
             accepted = int(row["accepted"])

@@ -82,9 +82,9 @@ def fly(situation: Situation, seed: int) -> Result | None:
     counted = flown.now
     while flown.now < LONGEST and laps([one for one in flown.truths if one.time >= counted]) < situation.laps:
         flown.fly(flown.now + 0.5)
-    for heard in (locator._track, locator._ranges):
-        while heard[0][0] < begun:
-            heard.popleft()
+    for received in (locator._track, locator._ranges):
+        while received[0][0] < begun:
+            received.popleft()
     place = flown.solve()
     if not isinstance(place, Place):
         return None

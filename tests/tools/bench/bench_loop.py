@@ -58,17 +58,17 @@ CGROUPS = Path("/sys/fs/cgroup")
 
 def recorded(law: str, seconds: float, *overrides: str) -> list[tuple[float, bytes]]:
     """What the vehicle sends in a flight under a law, with its times, s."""
-    heard: list[tuple[float, bytes]] = []
+    received: list[tuple[float, bytes]] = []
 
     def hears(frame: bytes, now: float) -> bool:
         if message_id(frame) not in ANSWERED:
-            heard.append((now, frame))
+            received.append((now, frame))
         return True
 
     flown = flight("quickstart", *GOES_ON, *overrides, law=law)
     flown.hears = hears
     flown.fly(seconds)
-    return heard
+    return received
 
 
 @dataclass
@@ -273,13 +273,13 @@ class Stopwatch:
         pilot.receive, pilot.step = self.receive, self.step  # type: ignore[method-assign]
         self.ranges: list[float] = []
         self.ticks: list[float] = []
-        self.all = self._heard = 0.0
+        self.all = self._received = 0.0
 
     def receive(self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE) -> None:
         began = time.perf_counter()
         self._receive(data, now, source, link)
-        self._heard = time.perf_counter() - began
-        self.all += self._heard
+        self._received = time.perf_counter() - began
+        self.all += self._received
 
     def step(self, now: float, send: Callable[[bytes], bool]) -> None:
         fresh, began = self._pilot.tracker.fresh, time.perf_counter()
@@ -289,7 +289,7 @@ class Stopwatch:
                 took = time.perf_counter() - began
                 self.all += took
                 if now > SETTLING:
-                    (self.ranges if fresh else self.ticks).append(took + fresh * self._heard)
+                    (self.ranges if fresh else self.ticks).append(took + fresh * self._received)
             return send(data)
 
         self._step(now, sends)

@@ -35,7 +35,7 @@ def processor_time(arguments: list[str]) -> float:
 def fly(law: str, steered: float) -> tuple[float, float]:
     """Start `circnav fly`: s until its first heartbeat, and MB once it has steered for a time (s; 0: at once)."""
     with flown(MISSION, "--set", f'guidance.law="{law}"') as (vehicle, process, _):
-        while not vehicle.heard and vehicle.now < PATIENCE:
+        while not vehicle.received and vehicle.now < PATIENCE:
             vehicle.turn()
         spoke, until, steering = vehicle.now, PATIENCE if steered else 0.0, False
         while vehicle.now < until:

@@ -36,7 +36,7 @@ class VehicleOnPort:
         return time.monotonic() - self._began
 
     @property
-    def heard(self) -> bool:
+    def received(self) -> bool:
         """Whether the application has spoken."""
         return self._peer is not None
 

@@ -26,7 +26,7 @@ def application(vehicle):
 
 
 def test_a_vehicle_on_a_port_hears_who_spoke_last_and_answers_him(vehicle, application):
-    while not vehicle.heard:
+    while not vehicle.received:
         vehicle.turn()
     while not any(True for _ in vehicle.speak()):
         vehicle.hear()
@@ -45,10 +45,10 @@ def test_a_setpoint_is_waited_for_until_it_comes(vehicle, application):
 def test_the_loops_latencies_are_those_of_a_listener_that_answers_each_range(monkeypatch):
     """A quarter of a second of a flight, heard by the bare loop in a thread."""
     monkeypatch.setattr(bench_loop, "SETTLING", 0.0)
-    heard = bench_loop.recorded("smooth", 0.5)
-    assert {bench_loop.RANGE, 0} <= {message_id(frame) for _, frame in heard}
-    first = next(time for time, frame in heard if message_id(frame) == bench_loop.RANGE)
-    flight = [(time - first, frame) for time, frame in heard if first <= time < first + 0.25]
+    received = bench_loop.recorded("smooth", 0.5)
+    assert {bench_loop.RANGE, 0} <= {message_id(frame) for _, frame in received}
+    first = next(time for time, frame in received if message_id(frame) == bench_loop.RANGE)
+    flight = [(time - first, frame) for time, frame in received if first <= time < first + 0.25]
     link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     listener = bench_loop.Listener(bench_loop.BARE, flight, link)
     threading.Thread(target=bench_loop.bare_loop, args=(listener.port,), daemon=True).start()

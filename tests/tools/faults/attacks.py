@@ -361,7 +361,13 @@ ATTACKS = [
         keys=BOTH,
     ),
     attack("flood of heartbeats of a stranger, link signed", by(flood(BEAT * 300), 50.0), "FLOOD", keys=BOTH),
-    attack("a command to the autopilot", to_loiter, "taken over, GUIDED left for", want=Want.END, reason="operator"),
+    attack(
+        "a command to the autopilot",
+        to_loiter,
+        "taken over, GUIDED left for",
+        want=Want.END,
+        reason="pilot or failsafe",
+    ),
     attack(
         "all frames of before a restart of ours, link signed",
         said_again_after_a_restart,

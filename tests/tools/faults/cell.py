@@ -10,7 +10,7 @@ from circnav_sim.faults import CLEAN, Impairment
 
 from circnav_mav.pilot import Ending
 from circnav_mav.runtime.onlookers import Onlookers
-from circnav_mav.runtime.status import Watch
+from circnav_mav.runtime.status import StatusSource
 from tests.tools.faults.course import BAND, Course, Keys, on_the_circle
 
 LAW = "smooth"
@@ -150,7 +150,7 @@ class Told:
     """What the operator is shown: alarms, what is waited for, and how it ended."""
 
     def __init__(self, course: Course) -> None:
-        self._watch, self._next = Watch(course.pilot, Onlookers()), course.now
+        self._watch, self._next = StatusSource(course.pilot, Onlookers()), course.now
         self.lines: dict[str, None] = {}
 
     def look(self, course: Course) -> None:
@@ -159,7 +159,7 @@ class Told:
             self._next = course.now + 0.5
             status = self._watch.status(course.ticks[-1], course.now)
             refused = (f"{why} frames refused" for why in course.pilot.frames_refused())
-            says = (f'the vehicle says "{text}"' for text in course.pilot.session.texts)
+            says = (f'the vehicle reports "{text}"' for text in course.pilot.session.texts)
             self.lines |= dict.fromkeys(line for line in (*status.alarms, status.waits, *refused, *says) if line)
 
 
@@ -209,7 +209,7 @@ def _recovery(course: Course, end: float) -> float | None:
 def _to_safe(course: Course, start: float) -> float | None:
     """Time from the start of the fault to the safe setpoint, or to the last steering one when none was allowed."""
     outcome = course.pilot.mission.outcome
-    if outcome is None or outcome.ending is not Ending.ABORTED:
+    if outcome is None or outcome.ending not in (Ending.ABORTED, Ending.TAKEN_OVER):
         return None
     if course.safe_at is not None:
         return course.safe_at - start

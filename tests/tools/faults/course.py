@@ -287,8 +287,8 @@ class Course:
         left = next((truth.time for truth in self.truths if truth.mode != GUIDED[self.profile]), None)
         if patience is None or left is None:
             return False
-        heard = [time for time, _ in self.vehicle.setpoint_log if left - 5 < time < left]
-        return max(b - a for a, b in pairwise([left - 5, *heard, left])) > patience - TRUTH_EVERY
+        received = [time for time, _ in self.vehicle.setpoint_log if left - 5 < time < left]
+        return max(b - a for a, b in pairwise([left - 5, *received, left])) > patience - TRUTH_EVERY
 
     def errors(self, since: float, until: float) -> list[tuple[float, float]]:
         """(time, radius error as a fraction of the radius) between two times."""

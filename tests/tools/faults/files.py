@@ -29,7 +29,7 @@ from tests.flight.recorded import recorded_flight
 
 MISSIONS = sorted(path for path in CONFIG.glob("*.toml") if "[orbit]" in path.read_text())
 CAMPAIGN = CONFIG / "campaigns" / "wind.toml"
-LOGS = ("flight.tlog", "turns.csv", "ticks.csv")
+LOGS = ("flight.tlog", "steps.csv", "ticks.csv")
 
 
 def spoilt_bytes(data: bytes, chance: Random) -> bytes:

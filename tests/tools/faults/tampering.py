@@ -143,14 +143,14 @@ def late(number: int, seconds: float) -> Tamper:
 
 def said_again(seconds: float, chosen: Callable[[str, bytes], bool] = lambda way, data: True) -> Tamper:
     """A fifth of the chosen frames is said again so much later, as a replay attack or a looped route would."""
-    heard: list[tuple[float, Passage]] = []
+    received: list[tuple[float, Passage]] = []
     numbers = count()
 
     def tamper(way: str, data: bytes, now: float) -> Iterable[Passage]:
         if chosen(way, data) and next(numbers) % 5 == 0:
-            heard.append((now + seconds, (way, data)))
-        due = [passage for time, passage in heard if time <= now]
-        heard[:] = [item for item in heard if item[0] > now]
+            received.append((now + seconds, (way, data)))
+        due = [passage for time, passage in received if time <= now]
+        received[:] = [item for item in received if item[0] > now]
         return [(way, data), *due]
 
     return tamper

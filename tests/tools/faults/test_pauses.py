@@ -7,7 +7,7 @@ from circnav_sim.faults import UP, Impairment
 
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runtime.onlookers import Onlookers
-from circnav_mav.runtime.status import Watch
+from circnav_mav.runtime.status import StatusSource
 from tests.frames import read
 from tests.rig import Rig, distance
 from tests.tools.faults.course import on_the_circle
@@ -38,13 +38,13 @@ def test_a_sensor_clock_that_stood_still_is_named() -> None:
     course.fly(course.now + 0.4)
     assert any(
         "SENSOR CLOCK" in alarm
-        for alarm in Watch(course.pilot, Onlookers()).status(course.ticks[-1], course.now).alarms
+        for alarm in StatusSource(course.pilot, Onlookers()).status(course.ticks[-1], course.now).alarms
     )
     course.link.tampers.append(on(253, lambda frame, now: texts.append(frame) or [frame], direction=UP))
     course.fly(course.now + 6.0)
-    assert Watch(course.pilot, Onlookers()).status(course.ticks[-1], course.now).alarms == ()
+    assert StatusSource(course.pilot, Onlookers()).status(course.ticks[-1], course.now).alarms == ()
     told = [read(text).text.removeprefix("circnav: sensor clock ") for text in texts if b"clock" in text]
-    assert told == ["stalled 2.0 s", "runs steadily again"]
+    assert told == ["stalled 2.0 s", "clock steady again"]
 
 
 def test_a_link_that_turns_slow_while_it_is_silent_is_no_clock_that_stood_still() -> None:

@@ -101,7 +101,7 @@ class Px4(Firmware):
 
     def bring_up(self, bench: Bench) -> None:
         """Into the air, in LOITER."""
-        bench.until(lambda: bench.heard, 60, "no heartbeat")
+        bench.until(lambda: bench.received, 60, "no heartbeat")
         bench.ask_streams(STREAMS, "HIL_STATE_QUATERNION", 50)
         bench.until(lambda: "GLOBAL_POSITION_INT" in bench.latest, 60, "no position")
         bench.rest(5)

@@ -99,7 +99,7 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
         altitude = cells.number("altitude") * meters.get("altitude", 1.0)
         if options.positions and isfinite(latitude) and isfinite(longitude):
             if abs(latitude) > 90 or abs(longitude) > 360:
-                raise RunError(f"line {line}: {latitude:g} {longitude:g} is no place: degrees?")
+                raise RunError(f"line {line}: {latitude:g} {longitude:g} is not a position: in degrees?")
             log.positions.append((time, latitude, (longitude + 180) % 360 - 180, altitude))
         sigma = cells.number("sigma") * meters.get("sigma", 1.0)
         tag = printable(cells.text("tag"))
@@ -128,7 +128,7 @@ def _text(path: Path) -> str:
     except UnicodeDecodeError:
         text = data.decode("cp1252", "replace")
     if "\0" in text:
-        raise RunError("is no table: it has zero bytes, as binary files do")
+        raise RunError("is not a table: it contains zero bytes, as binary files do")
     return text
 
 
@@ -148,18 +148,18 @@ def _table(text: str, options: ReadOptions) -> Table:
                         (number + 1 + rows.line_num, row) for row in rows if any(row) and not row[0].startswith("#")
                     ]
                 except csv.Error as error:
-                    raise RunError(f"is no CSV: {error}") from None
+                    raise RunError(f"is not a CSV: {error}") from None
                 _find_decimal_comma(table, delimiter)
                 return table
             if best is None or len(columns) + len(ranges) > len(best.columns) + len(best.ranges):
                 best = table
     missing = _missing(best, options) if best else ["time"]
     some = best is not None and len(best.columns) + len(best.ranges) > 1
-    found = ", ".join(printable(name) for name in best.header)[:200] if best and some else "no known ones"
+    found = ", ".join(printable(name) for name in best.header)[:200] if best and some else "none"
     raise RunError(
         f"no column {', '.join(missing)}. Its columns: {found}. The first line must name time (s or ISO 8601), "
         "latitude, longitude (degrees) and range (m, or with its unit: range_ft), and may name altitude, sigma, tag; "
-        "--range-column picks a range by name, --positions FILE brings the positions from another file"
+        "--range-column selects a range by name, --positions FILE reads the positions from another file"
     )
 
 
@@ -264,7 +264,7 @@ class _Cells:
             raise RunError(f"line {self.line}: {name}: {printable(given)[:40]!r} is not a number")
         value = float(cell) * sign
         if abs(value) > FAR * 10:
-            raise RunError(f"line {self.line}: {name}: {value:g} is too large: s, degrees and m are meant")
+            raise RunError(f"line {self.line}: {name}: {value:g} is too large: s, degrees or m expected")
         return value
 
 
@@ -307,7 +307,7 @@ def _times(table: Table, options: ReadOptions, log: RangeLog) -> list[float]:
     for (line, _), value in zip(table.rows, raw, strict=True):
         time = value * factor if isinstance(value, float) else _moment(value, line, options, log)
         if abs(time) > LATEST:
-            raise RunError(f"line {line}: time: {time:g} is too large: s, degrees and m are meant")
+            raise RunError(f"line {line}: time: {time:g} is too large: s, degrees or m expected")
         times.append(time)
     if times and min(map(abs, times)) > UNIX:
         log.epoch = 0.0
@@ -338,11 +338,11 @@ def _moment(cell: str, line: int, options: ReadOptions, log: RangeLog) -> float:
         if moment.tzinfo is None:
             log.note(
                 f"times carry no time zone and are read as {options.zone}" if options.zone else
-                "times carry no time zone and are read as UTC; --timezone gives another one"
+                "times carry no time zone and are read as UTC; --timezone selects another one"
             )  # fmt: skip
         return utc_seconds(moment, options.zone)
     except (ValueError, OverflowError):
-        where = f"{printable(cell)[:40]!r} is not a time: seconds, or as 2026-07-01T12:00:00Z"
+        where = f"{printable(cell)[:40]!r} is not a time: write seconds, or a time such as 2026-07-01T12:00:00Z"
         raise RunError(f"line {line}: time: {where}") from None
 
 
@@ -350,6 +350,6 @@ TABLE = Format(
     name="a table (CSV)",
     matches=lambda head: True,
     read=_read,
-    ranges="the column range, or that of --range-column",
+    ranges="the column range, or the one of --range-column",
     positions="the columns latitude and longitude, or --positions FILE",
 )

@@ -21,13 +21,13 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
                 continue
             moment = datetime.fromisoformat(when.strip())
             if moment.tzinfo is None:
-                log.note("times of the GPX carry no time zone and are read as UTC, as GPX defines")
+                log.note("times of the GPX have no time zone and are read as UTC, as GPX defines")
             place = float(point.attrib["lat"]), float(point.attrib["lon"])
             log.positions.append((utc_seconds(moment, None), *place, float(height) if height else nan))
     except (Xml.ParseError, KeyError, ValueError) as error:
         raise RunError(f"cannot be read as GPX: {error}") from None
     if untimed and not log.positions:
-        raise RunError("its points carry no time: record a track, not a route, and export it with times")
+        raise RunError("its points have no time: record a track, not a route, and export it with times")
     if untimed:
         log.note(f"{untimed} points without a time are left out")
     return [log]
@@ -37,6 +37,6 @@ GPX = Format(
     name="a GPX track",
     matches=lambda head: b"<gpx" in head,
     read=_read,
-    ranges="none: it carries positions for a file of ranges: circnav locate RANGES --positions GPX",
+    ranges="none: it has only positions, for a file of ranges: circnav locate RANGES --positions GPX",
     positions="trkpt with a time",
 )

@@ -36,7 +36,7 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
             latitude, longitude, height = map(float, cells[2:5])
             quality = int(cells[5])
         except (ValueError, IndexError):
-            raise RunError(f"line {number}: is no solution of RTKLIB: {line[:60]!r}") from None
+            raise RunError(f"line {number}: is not a solution of RTKLIB: {line[:60]!r}") from None
         if abs(latitude) > 90 or abs(longitude) > 180:
             raise RunError(f"line {number}: {ANGLES}")
         if quality > 0:
@@ -54,6 +54,6 @@ RTKLIB = Format(
     name="a solution of RTKLIB (.pos)",
     matches=lambda head: head.startswith(HEADERS) or FIRST_ROW.match(head) is not None,
     read=_read,
-    ranges="none: it carries positions for a file of ranges: circnav locate RANGES --positions POS",
+    ranges="none: it has only positions, for a file of ranges: circnav locate RANGES --positions POS",
     positions="solutions with a quality above 0",
 )

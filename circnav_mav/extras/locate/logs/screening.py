@@ -46,8 +46,8 @@ def _moving(log: RangeLog, positions: Sequence[Position]) -> list[Position]:
             jump = float(np.hypot(*(there - here)))
         if jump > JUMP:
             log.note(
-                f"positions stand still from {first[0] - rows[0][0]:.1f} to {last[0] - rows[0][0]:.1f} s after the "
-                f"first and then jump {jump:.0f} m: they are left out, the receiver repeated its last one"
+                f"positions do not change from {first[0] - rows[0][0]:.1f} to {last[0] - rows[0][0]:.1f} s after the "
+                f"first and then jump {jump:.0f} m: left out, the receiver repeated its last one"
             )
             kept.append(first)
         else:
@@ -74,12 +74,12 @@ def _measured(log: RangeLog, tag: str, rows: Sequence[Range]) -> list[Range]:
         longest = max(frozen, key=lambda run: run[-1][0] - run[0][0])
         zero, begin, end = rows[0][0], longest[0][0], longest[-1][0]
         log.note(
-            f"{tag}: {sum(map(len, frozen))} ranges stand still, {len(frozen)} times; the longest at "
+            f"{tag}: {sum(map(len, frozen))} ranges do not change, {len(frozen)} times; the longest at "
             f"{longest[0][1]:.2f} m from {begin - zero:.1f} to {end - zero:.1f} s after the first range. They are left "
-            "out: the radio was silent there, or its driver repeats the last value"
+            "out: the radio was silent, or its driver repeated the last value"
         )
     equal = sum(len(run) - 1 for run in kept)
     if equal > RESENT * sum(map(len, kept)):
-        log.note(f"{tag}: each range is sent {usual:.0f} times; its first counts")
+        log.note(f"{tag}: each range is sent {usual:.0f} times; the first one is used")
         kept = [run[:1] for run in kept]
     return [row for run in kept for row in run]

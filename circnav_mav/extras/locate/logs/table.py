@@ -26,15 +26,15 @@ MARKS: Mapping[bytes, tuple[str, str]] = {
     b"7z\xbc\xaf": ("a 7-Zip archive", "unpack it and give the log in it"),
     b"#ROSBAG": ("a ROS 1 bag", f"export its topics, with rostopic echo -b FILE -p TOPIC, and {AS_CSV}"),
     b"SQLite format 3": ("an SQLite file, as ROS 2 bags (.db3) are", f"export its topics, and {AS_CSV}"),
-    b"\x89MCAP": ("an MCAP file", f"export its topics, as with PlotJuggler, and {AS_CSV}"),
+    b"\x89MCAP": ("an MCAP file", f"export its topics, for example with PlotJuggler, and {AS_CSV}"),
     b"\xd0\xcf\x11\xe0": ("a spreadsheet (.xls)", AS_CSV),
     b"\x89HDF": ("an HDF5 file", AS_CSV),
     b"MATLAB": ("a MATLAB file", f"export it with writetable, and {AS_CSV}"),
     b"PAR1": ("a Parquet file", AS_CSV),
     b"\xb5\x62": ("raw data of a u-blox receiver", "make a .pos of it with RTKLIB (convbin, rnx2rtkp)"),
     b"\xd3\x00": ("RTCM corrections", "make a .pos of them with RTKLIB (convbin, rnx2rtkp)"),
-    b"\xfe": ("a raw MAVLink stream", "it carries no times: record a tlog"),
-    b"\xfd": ("a raw MAVLink stream", "it carries no times: record a tlog"),
+    b"\xfe": ("a raw MAVLink stream", "it has no times: record a tlog"),
+    b"\xfd": ("a raw MAVLink stream", "it has no times: record a tlog"),
     b"{": ("JSON", AS_CSV),
     b"[": ("JSON", AS_CSV),
 }  # fmt: skip
@@ -68,9 +68,9 @@ def read_logs(path: Path, options: ReadOptions | None = None) -> list[RangeLog]:
     try:
         known = recognize(file, head)
         if options.vehicle is not None and known is not TLOG:
-            raise RunError(f"--vehicle picks one of the vehicles of a tlog; this is {known.name}")
+            raise RunError(f"--vehicle selects one of the vehicles of a tlog; this is {known.name}")
         if options.range_columns and known is not TABLE:
-            raise RunError(f"--range-column picks a column of a table; this is {known.name}")
+            raise RunError(f"--range-column selects a column of a table; this is {known.name}")
         logs = known.read(file, options)
         for log in logs:
             screen(log)
@@ -94,7 +94,7 @@ def recognize(file: Path, head: bytes) -> Format:
         unreadable = next((entry for mark, entry in MARKS.items() if head.startswith(mark)), None)
     if unreadable is not None:
         name, way = unreadable
-        raise RunError(f"is {name}, which is not read: {way.replace('FILE', file.name)}")
+        raise RunError(f"is {name}, which is not supported: {way.replace('FILE', file.name)}")
     utf16 = head.startswith((b"\xff\xfe", b"\xfe\xff"))
     return TLOG if b"\0" in head and not utf16 else TABLE
 
@@ -124,13 +124,13 @@ def with_positions(logs: Sequence[RangeLog], carriers: Sequence[RangeLog], sourc
         if (log.epoch is None) != (track.epoch is None):
             utc, other = ("ranges", "positions") if track.epoch is None else ("positions", "ranges")
             raise RunError(
-                f"{source}: the {utc} have UTC, the {other} a clock of their own: give the times of the {other} as ISO "
+                f"{source}: the {utc} have UTC, the {other} another clock: give the times of the {other} as ISO "
                 "8601 or in seconds since 1970"
             )
         if log.epoch is not None and track.epoch is not None:
             later = log.epoch - track.epoch
         else:
-            log.note("positions and ranges carry no UTC: they are read as times of one clock")
+            log.note("positions and ranges have no UTC: they are read as times of one clock")
         shifted = {
             tag: [(time + later, slant, sigma) for time, slant, sigma in rows] for tag, rows in log.ranges.items()
         }

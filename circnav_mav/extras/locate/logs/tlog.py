@@ -89,24 +89,24 @@ def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[Range
         chosen = {options.vehicle: tracks[options.vehicle]}
     logs = {system: RangeLog(track, vehicle=f"vehicle {system}") for system, track in chosen.items()}
     only = next(iter(logs.values()), RangeLog()) if len(logs) <= 1 else None
-    strangers = []
+    unmatched = []
     for (system, component), sender in senders.items():
         if OURS in sender.names or not sender.ranges or (system in tracks and system not in logs):
             continue
         # A radio with its own system id belongs to the only vehicle. With several vehicles, the carrier is unknown.
         carrier = logs.get(system, only)
         if carrier is None:
-            strangers.append(f"{system}/{component}")
+            unmatched.append(f"{system}/{component}")
         else:
             carrier.ranges |= sender.ranges
     everything = list(logs.values()) or [only or RangeLog()]
     used = [log for log in everything if log.ranges or not options.ranges] or everything[:1]
     if len(used) == 1:
         used[0].vehicle = ""
-    if strangers:
+    if unmatched:
         line = (
-            f"ranges of {', '.join(strangers)} are left out: none of the vehicles {', '.join(map(str, tracks))} has "
-            "this system id; give --vehicle for the one that carries the radio"
+            f"ranges of {', '.join(unmatched)} are left out: none of the vehicles {', '.join(map(str, tracks))} has "
+            "this system id; give --vehicle for the one with the radio"
         )
         if not any(log.ranges for log in used):
             raise EmptyLogError(line)

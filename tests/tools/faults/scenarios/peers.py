@@ -99,7 +99,13 @@ def takeovers(times: int, quick: bool = False) -> Scenario:
         take_over(course)
 
     return Scenario(
-        "F16", f"{times} random moments", arrange=arrange, want=Want.END, reason="operator", lasts=5, quick=quick
+        "F16",
+        f"{times} random moments",
+        arrange=arrange,
+        want=Want.END,
+        reason="pilot or failsafe",
+        lasts=5,
+        quick=quick,
     )
 
 

@@ -139,7 +139,7 @@ def few_setpoints(course: Course) -> str | None:
 
 def refused(level: str, key: str, **fields: int) -> Scenario:
     """A second source from the start: not engaged, and the key that names one is told."""
-    more = {"want": Want.REFUSE, "reason": f"name yours with ranging.{key}", "quick": key == "sensor_id", **FRESH}
+    more = {"want": Want.REFUSE, "reason": f"select yours by ranging.{key}", "quick": key == "sensor_id", **FRESH}
     return tampered("F25", level, beside(**fields), profiles=("arducopter", "arduplane"), **more)
 
 

@@ -17,7 +17,7 @@ from tests.tools.faults.tampering import said_again
 
 BOTH = (KEY, KEY)
 HOUR = 3600.0
-NOT_BELIEVED = "every frame heard is unsigned or wrongly signed"
+NOT_BELIEVED = "every frame received is unsigned or wrongly signed"
 HEARTBEAT = mavlink.MAVLink_heartbeat_message(2, 3, 0x81, 5, 4, 3)
 """Of our vehicle, in a mode that would end the mission."""
 TO_LOITER = mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, 5, 0, 0, 0, 0, 0)

@@ -32,7 +32,7 @@ PARAMETER_PATIENCE = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class RangeHeard:
+class ReceivedRange:
     """One accepted range. stamp: sensor's clock, s. time: same time on our clock, s. arrival: our clock, s. r: slant
     range, m. sigma: m."""
 
@@ -43,7 +43,7 @@ class RangeHeard:
     sigma: float
 
 
-class Survey:
+class PreflightListener:
     """Preflight listener without I/O: `receive` bytes and send the bytes that `step` returns, until `done`. Its
     attributes then hold the received data."""
 
@@ -58,7 +58,7 @@ class Survey:
         speed, max_turn_rate = settings.orbit.speed, settings.orbit.max_turn_rate
         noise = NoiseCheck.of_rates(speed, max_turn_rate)
         self.rate_reader = RangeRateReader(settings.ranging, self.ranging, noise, speed)
-        self.ranges: list[RangeHeard] = []
+        self.ranges: list[ReceivedRange] = []
         self.rates: list[float] = []
         """Range rates, m/s."""
         self.carriers: Counter[str] = Counter()
@@ -182,9 +182,9 @@ class Survey:
         peer = None if self._settings.ranging_apart else self.session.peer
         sample = self.ranging.read(message, now, source=source, vehicle=peer.source if peer else None)
         if self.ranging.rival is not None and self.ranging.trusted is not None:
-            self.session.identity.rivals.heard(RADIO_NAME, self.ranging.rival, self.ranging.trusted, now)
+            self.session.identity.second_senders.received(RADIO_NAME, self.ranging.rival, self.ranging.trusted, now)
         if sample is None:
             return
         self.rate_reader.range_taken(sample)
         if self._settled(now):
-            self.ranges.append(RangeHeard(sample.stamp, sample.time, now, sample.r, sample.sigma))
+            self.ranges.append(ReceivedRange(sample.stamp, sample.time, now, sample.r, sample.sigma))
