@@ -97,7 +97,7 @@ def fly_mission(
         code = Exit.INTERNAL if crash is not None else EXITS[pilot.mission.outcome.ending]
         summary, code = close_flight(pilot, recorder, mission, clock.epoch_us, code, alarms.begun, onlookers)
         words = verdict(summary, folder)
-        onlookers.show_verdict(words)
+        onlookers.show_verdict(words, folder)
     say(words)
     problems = [
         *link_troubles(links, mission),

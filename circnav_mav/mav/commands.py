@@ -30,6 +30,14 @@ ANSWERS_KEPT = 16
 """Newest answers kept to recognize a duplicate that arrives by another route."""
 CHECK_EVERY = 3.0
 """Time, s, over which stream rates are measured."""
+FIRST_CHECK = 0.6
+"""Time, s, of the first measurement of the streams in USUAL."""
+USUAL = frozenset(
+    getattr(dialect, f"MAVLINK_MSG_ID_{name}")
+    for name in ("SYSTEM_TIME", "SYS_STATUS", "NAV_CONTROLLER_OUTPUT", "ATTITUDE_TARGET", "POSITION_TARGET_LOCAL_NED")
+)
+"""Streams that a ground station often requests, at 2 to 4 Hz. They are requested only if the first measurement does
+not find them: each request costs an acknowledgment, which MAVProxy prints. All others are requested at once."""
 LOW = 0.5
 """Fraction of the requested rate below which a stream is requested again."""
 GROUPS = {
@@ -203,6 +211,7 @@ def once(command: Command, target: Ids, confirmation: int = 0) -> Message:
 @dataclass(slots=True)
 class _Stream:
     wanted: float
+    asked: bool = False
     received: int = 0
     ever: bool = False
     rate: float | None = None
@@ -210,12 +219,16 @@ class _Stream:
 
 
 class StreamRequests:
-    """Requests that keep the streams at their rates. Other clients change the rates, and a reboot resets them."""
+    """Requests that keep the streams at their rates. Other clients change the rates, and a reboot resets them.
+
+    A stream that already arrives at its rate is not requested.
+    """
 
     def __init__(self, wanted: Mapping[int, float], maybe: Container[int] = ()) -> None:
         """wanted: message id -> Hz. maybe: ids that the vehicle may lack, requested again only once received."""
         self._streams = {message_id: _Stream(rate) for message_id, rate in wanted.items()}
         self._since: float | None = None
+        self._is_first_check = True
         self._group_due = float("-inf")
         self.by_group = False
         """True if the vehicle lacks SET_MESSAGE_INTERVAL, so that REQUEST_DATA_STREAM is used."""
@@ -273,23 +286,35 @@ class StreamRequests:
     def poll(self, now: float) -> list[Command]:
         """Return the requests due now."""
         if self._since is None:
-            self._since = now
+            self._since, self._is_first_check = now, True
             self._streams = {message_id: _Stream(stream.wanted) for message_id, stream in self._streams.items()}
-            return [_interval(message_id, stream.wanted) for message_id, stream in self._streams.items()]
-        elapsed = now - self._since
-        if elapsed < CHECK_EVERY:
+            return self._requests([ident for ident in self._streams if ident not in USUAL])
+        elapsed, first = now - self._since, self._is_first_check
+        if elapsed < (FIRST_CHECK if first else CHECK_EVERY):
             return []
-        self._since, requests = now, []
+        self._since, self._is_first_check = now, False
+        low = []
         for message_id, stream in self._streams.items():
-            stream.rate, stream.received, stream.ever = stream.received / elapsed, 0, stream.ever or stream.received > 0
-            is_there = stream.ever or message_id not in self._maybe
+            received, stream.received = stream.received, 0
+            stream.ever |= received > 0
+            if first and stream.asked:
+                continue  # it has flowed for a part of the time only
+            stream.rate = received / elapsed
+            is_there = stream.ever or not stream.asked or message_id not in self._maybe
             if stream.rate < LOW * stream.wanted and is_there and not stream.denied:
-                requests.append(_interval(message_id, stream.wanted))
-        return requests
+                low.append(message_id)
+        return self._requests(low)
+
+    def _requests(self, idents: list[int]) -> list[Command]:
+        """Return requests for these streams at their rates."""
+        for ident in idents:
+            self._streams[ident].asked = True
+        return [_interval(ident, self._streams[ident].wanted) for ident in idents]
 
     def give_back(self) -> list[Command]:
-        """Return the requests that restore the vehicle's own rates."""
-        return [Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (message_id, 0)) for message_id in self._streams]
+        """Return the requests that restore the vehicle's own rates of the requested streams."""
+        asked = [message_id for message_id, stream in self._streams.items() if stream.asked]
+        return [Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (message_id, 0)) for message_id in asked]
 
 
 def _flows(stream: _Stream) -> bool:

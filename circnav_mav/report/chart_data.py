@@ -69,6 +69,21 @@ def known_track(ticks: Ticks, truth: Truth | None) -> Track | None:
     return track if len(track.known) > 1 else None
 
 
+GAIN_OFF = 0.02
+"""Deviation of the turn gain from 1 above which the command of the steady circle is drawn beside its turn rate. Chosen:
+less is not visible."""
+
+
+def steady_command(ticks: Ticks, orbit: Orbit) -> Column | None:
+    """Return the command that turns the vehicle at the rate of the desired circle, rad/s. None if the vehicle turns as
+    commanded, so that both are equal."""
+    gain = ticks.numbers["turn_gain"]
+    if not np.any(np.abs(gain - 1) > GAIN_OFF):
+        return None
+    steady: Column = orbit.steady_turn_rate * orbit.radius / ticks.desired(orbit.radius) / gain
+    return steady
+
+
 STRETCHES = 1500
 """Stretches of a line, each drawn by its smallest and largest value."""
 MOST_DOTS = 4000
@@ -88,7 +103,7 @@ def chart_data(ticks: Ticks, truth: Truth | None, orbit: Orbit, names: dict[str,
         "flight": flight | {"radius": orbit.radius, "tolerance": TOLERANCE * orbit.radius, "limit": orbit.max_turn_rate,
                             "steady": orbit.steady_turn_rate, "radii": ticks.radii(orbit.radius)},
         "span": span,
-        "columns": {name: _plain(*column) for name, column in _columns(ticks, truth, span).items()},
+        "columns": {name: _plain(*column) for name, column in _columns(ticks, truth, orbit, span).items()},
         "bands": {name: stretches(ticks.time, spans) for name, spans in words.items() if set(spans) - {""}},
         "ways": [] if track is None else [_way(track)],
     }  # fmt: skip
@@ -113,13 +128,17 @@ def stretches(time: Column, words: list[str]) -> list[tuple[float, float, str]]:
     return [(float(time[begin]), float(time[end]), words[begin]) for begin, end in pairwise([*begins, len(words) - 1])]
 
 
-def _columns(ticks: Ticks, truth: Truth | None, span: tuple[float, float]) -> dict[str, tuple[Column, Column]]:
+def _columns(
+    ticks: Ticks, truth: Truth | None, orbit: Orbit, span: tuple[float, float]
+) -> dict[str, tuple[Column, Column]]:
     """Return time and values of each drawn column, by name."""
     numbers, time, new = ticks.numbers, ticks.time, fresh(ticks)
     found = {name: _line(time, numbers[name]) for name in ("r", "r_dot", "turn_rate", "heading", "drift_x", "drift_y")}
     desired = ticks.desired(nan)
     changed = desired != np.append(nan, desired[:-1])
     found["desired"] = time[changed], desired[changed]
+    if (command := steady_command(ticks, orbit)) is not None:
+        found["steady_command"] = _line(time, command)
     found["measured"] = _dots(time[new], numbers["measured"][new])
     found["innovation"] = _dots(time[new], np.sqrt(numbers["nis"][new]))
     found |= {name: _rate(time, numbers[name], span) for name in ("accepted", "rejected")}

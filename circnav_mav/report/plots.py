@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from circnav_mav.guidance.types import Orbit
-from circnav_mav.report.chart_data import Track, broken, fresh, known_track
+from circnav_mav.report.chart_data import Track, broken, fresh, known_track, steady_command
 from circnav_mav.runlog.atomic_write import atomic_write
 from circnav_mav.runlog.metrics import TOLERANCE
 from circnav_mav.runlog.ticks import Column, Ticks, Truth
@@ -51,7 +51,7 @@ def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, tit
         error.fill_between(time, -band, band, color=DESIRED, alpha=0.12, lw=0, label=f"±{100 * TOLERANCE:.0f} %")
         _estimated_and_true(error, ticks, truth, less=desired)
         error.set_ylim(-3 * band.max(), 3 * band.max())
-        _turn_rate(turn, ticks, orbit)
+        _turn_rate(turn, ticks, truth, orbit)
         labels = "range, m", "range - radius, m", "turn rate, deg/s\n(left positive)"
         for axis, label in zip(axes, labels, strict=True):
             axis.set_ylabel(label)
@@ -130,9 +130,14 @@ def _estimated_and_true(axis: Any, ticks: Ticks, truth: Truth | None, less: Colu
         axis.plot(*broken(truth.time, truth.radius - then), color=TRUE, lw=0.8, label="true")
 
 
-def _turn_rate(axis: Any, ticks: Ticks, orbit: Orbit) -> None:
+def _turn_rate(axis: Any, ticks: Ticks, truth: Truth | None, orbit: Orbit) -> None:
     name = "commanded" if np.isfinite(ticks.numbers["yaw_rate_sent"]).any() else "would command"
     axis.plot(*broken(ticks.time, np.degrees(ticks.numbers["turn_rate"])), color=ESTIMATE, lw=0.8, label=name)
+    if (command := steady_command(ticks, orbit)) is not None:
+        label = f"steady command, gain {ticks.numbers['turn_gain'][-1]:.2f}"
+        axis.plot(ticks.time, np.degrees(command), "--", color=ESTIMATE, lw=1.2, label=label)
+    if truth is not None:
+        axis.plot(*broken(truth.time, np.degrees(-truth.turn_rate)), color=TRUE, lw=0.6, alpha=0.7, label="true")
     steady = np.degrees(orbit.steady_turn_rate) * orbit.radius / ticks.desired(orbit.radius)
     _steps(axis, ticks.time, steady, "steady circle")
     limit = np.degrees(orbit.max_turn_rate)

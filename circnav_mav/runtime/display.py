@@ -75,7 +75,8 @@ class LiveScreen:
         """Draw the picture of a status."""
         if not self._live.is_started:
             self._live.start()
-        self._live.update(self._picture.draw(status, self._live.console.width), refresh=True)
+        console = self._live.console
+        self._live.update(self._picture.draw(status, console.width, console.height), refresh=True)
 
     def close(self) -> None:
         """Keep the last picture on the terminal."""

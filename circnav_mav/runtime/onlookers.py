@@ -6,6 +6,7 @@ is a request for another circle, which the pilot checks. An import contract deni
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from circnav_mav.guidance.circle_change import CircleRequest
@@ -70,8 +71,8 @@ class Onlooker:
         """Add keys to the summary, and verdict lines to summary["notes"]. Return files for the run folder, by name."""
         return {}
 
-    def show_verdict(self, verdict: str) -> None:
-        """Show the verdict. Called after the flight is recorded."""
+    def show_verdict(self, verdict: str, folder: Path) -> None:
+        """Show the verdict. Called after the flight is recorded, before its report is written. folder: run folder."""
 
     def close(self) -> None:
         """Release all resources."""
@@ -163,10 +164,10 @@ class Onlookers:
             files |= self._guarded(onlooker, " at the end", onlooker.finish, summary) or {}
         return files
 
-    def show_verdict(self, verdict: str) -> None:
-        """Show the verdict to every onlooker."""
+    def show_verdict(self, verdict: str, folder: Path) -> None:
+        """Show the verdict to every onlooker. folder: run folder."""
         for onlooker in self.attached:
-            self._guarded(onlooker, " at the end", onlooker.show_verdict, verdict)
+            self._guarded(onlooker, " at the end", onlooker.show_verdict, verdict, folder)
 
     def all_problems(self) -> Iterator[str]:
         """Yield all failures, one line each."""

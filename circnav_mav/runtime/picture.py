@@ -1,12 +1,15 @@
-"""Live picture of a flight on a terminal: at least 80 columns, at most 23 rows. Colors only repeat what the words
-state."""
+"""Live picture of a flight on a terminal: at least 80 columns, about 20 rows. A large terminal shows track and range,
+too. Colors only repeat what the words state."""
 
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
+from math import pi
 from textwrap import wrap
 
+from rich.console import Group, RenderableType
 from rich.panel import Panel
+from rich.table import Table
 from rich.text import Text
 
 from circnav_mav.foreign import printable
@@ -14,6 +17,7 @@ from circnav_mav.guidance.types import TurnRate
 from circnav_mav.mav.frames import yaw_rate_from_turn_rate
 from circnav_mav.pilot import PilotSettings, TickRecord
 from circnav_mav.pilot.mission_state import Phase
+from circnav_mav.runtime.plan import History
 from circnav_mav.runtime.status import SILENCED, Status, status_facts
 
 STYLES = {Phase.ENGAGED: "green", Phase.HOLDING: "yellow", Phase.YIELDED: "magenta", Phase.LEAVING: "cyan"}
@@ -21,12 +25,15 @@ NARROWEST, WIDEST = 80, 160
 """Width limits of the picture, columns: the usual width of a terminal, and twice that."""
 BAR = 41
 """Cells of a bar in the narrowest picture. Odd, so that it has a middle cell."""
-CELLS, CELL = 40, 1.5
-"""Cells of the sparkline in the narrowest picture, and the time that each covers, s."""
+CELLS, CELL = 30, 2.0
+"""Cells of the sparkline in the narrowest picture, and the time that each covers, s: a minute."""
 ALARM, LABEL = "ALARM", 12
 """Label of an alarm, and width of all labels, columns."""
 MOST_ALARMS, MOST_REASONS = 3, 3
 """Alarms, and reasons for rejected ranges, that fit into the picture."""
+LARGE, TALL, LEAST_CHART = 120, 20, 8
+"""Columns and rows of a terminal from which the track is shown beside the facts, and least rows of the range below
+them. Chosen: 40 columns are left for the track."""
 HOW_TO_STOP = "Ctrl-C ends the flight. In any other flight mode, circnav stops sending."
 
 
@@ -55,11 +62,33 @@ class Picture:
         self._settings, self._signs = settings, ASCII if ascii_only else FINE
         self._title = f"{name}: {settings.circles}"
         self._errors: deque[tuple[int, float]] = deque(maxlen=CELLS + WIDEST - NARROWEST)
-        self._width = NARROWEST
+        self._history, self._ascii = History(), ascii_only
+        self._width, self._facts_tall = NARROWEST, 0
 
-    def draw(self, status: Status, columns: int = NARROWEST) -> Panel:
-        """Return the picture of a status. columns: width of the terminal. Alarms are near the top, because a low
+    def draw(self, status: Status, columns: int = NARROWEST, rows: int = 0) -> RenderableType:
+        """Return the picture of a status. columns, rows: size of the terminal. Alarms are near the top, because a low
         terminal shows only the first rows."""
+        self._history.add(status.tick)
+        tall = rows - 1  # the line below the picture holds the cursor
+        aside = min(columns - NARROWEST, 2 * tall) if columns >= LARGE and rows >= TALL else 0
+        facts = self.facts(status, columns - aside)
+        if not aside:
+            return facts
+        orbit, desired = self._settings.orbit, status.tick.desired or self._settings.orbit.radius
+        lap, style, facts_tall = 2 * pi * desired / orbit.speed, _style(status), self._facts_tall
+        plan = self._history.plan(desired, lap, aside - 4, min(tall, aside // 2) - 2, ascii_only=self._ascii)
+        parts: list[RenderableType] = [facts]
+        if (left := tall - facts_tall - 2) >= LEAST_CHART:
+            drawn = self._history.ranges(desired, self._width - 4, left, ascii_only=self._ascii)
+            span = f"range over {self._history.span:.0f} s"
+            parts.append(Panel(drawn, title=span, border_style=style, width=self._width))
+        both = Table.grid()
+        title = "estimated track, seen from above"
+        both.add_row(Group(*parts), Panel(plan, title=title, border_style=style, width=aside))
+        return both
+
+    def facts(self, status: Status, columns: int) -> Panel:
+        """Return the panel of texts and bars. columns: its width, limited to NARROWEST and WIDEST."""
         self._width = min(max(columns, NARROWEST), WIDEST)
         folded = self._folded(status.alarms[:MOST_ALARMS])
         alarms: list[Row] = [(ALARM, Text(line, "bold reverse red")) for line in folded]
@@ -72,13 +101,14 @@ class Picture:
             *self._circle(status.tick, facts),
             ("target", status.target),
             *((label, line) for label, words in status.added.items() for line in self._folded([words])[:1]),
-            *((name, facts[name]) for name in ("ranging", "rejected", "link", "setpoints")),
+            *((name, facts[name]) for name in ("ranging", "rejected", "link", "senders", "setpoints") if facts[name]),
         ]
         text = Text(no_wrap=True, overflow="crop")
         for name, value in rows:
-            shown = printable(value).replace("±", self._signs.plus_minus) if isinstance(value, str) else value
+            shown = self._fitted(value) if isinstance(value, str) else value
             text.append(f"{name:<{LABEL}}", "bold red" if name == ALARM else "").append(shown).append("\n")
         text.right_crop()
+        self._facts_tall = len(rows) + 2
         return Panel(
             text, title=f"{self._title}, t = {status.time:.1f} s", subtitle=HOW_TO_STOP,
             border_style=_style(status), width=self._width,
@@ -127,12 +157,27 @@ class Picture:
         line = [" "] * (cell - recent[0][0] + 1)
         for at, size in recent:
             line[at - recent[0][0]] = levels[min(int(size / full * len(levels)), len(levels) - 1) if full else 0]
-        return f"   {''.join(line)} full {full:.1f} m"
+        return f"   {''.join(line)} {tick.time - recent[0][0] * CELL:.0f} s, max {full:.1f} m"
 
-    def _folded(self, texts: Iterable[str]) -> list[str]:
-        """Return the texts as lines that fit, at most two lines each."""
-        room = self._width - LABEL - 4
-        return [line for text in texts for line in wrap(printable(text), room, max_lines=2, placeholder=" ...")]
+    def _fitted(self, text: str) -> str:
+        """Return a text in one line. One that is too long ends at a word, with dots."""
+        shown = self._printable(text)
+        return shown if len(shown) <= self._room else next(iter(self._folded([text], most=1)))
+
+    def _printable(self, text: str) -> str:
+        return printable(text).replace("±", self._signs.plus_minus)
+
+    @property
+    def _room(self) -> int:
+        """Columns beside the labels."""
+        return self._width - LABEL - 4
+
+    def _folded(self, texts: Iterable[str], most: int = 2) -> list[str]:
+        """Return the texts as lines that fit, at most `most` lines each."""
+        room = self._room
+        return [
+            line for text in texts for line in wrap(self._printable(text), room, max_lines=most, placeholder=" ...")
+        ]
 
 
 def _style(status: Status) -> str:

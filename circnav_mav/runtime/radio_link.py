@@ -25,6 +25,29 @@ WATCHED, MANY = 2.0, 64
 """Time without a reading, s, and number of undecoded bytes in it, from which a wrong baud rate is reported."""
 
 
+IN_A_ROW, PAUSE = 10, 1.0
+"""Number of failures in a row after which a driver's method is called only once per pause, s. Chosen: a single damaged
+frame costs nothing else, and a driver with an error in its code fails 50 times a second."""
+
+
+class _Method:
+    """Method of a driver that may fail. After IN_A_ROW failures it is due once per PAUSE, until it succeeds."""
+
+    def __init__(self) -> None:
+        self._failures, self._due = 0, float("-inf")
+
+    def is_due(self, now: float) -> bool:
+        return now >= self._due
+
+    def succeeded(self) -> None:
+        self._failures, self._due = 0, float("-inf")
+
+    def failed(self, now: float) -> None:
+        self._failures += 1
+        if self._failures >= IN_A_ROW:
+            self._due = now + PAUSE
+
+
 class RadioLink:
     """Readings of a driver as frames. Each beacon is a separate source."""
 
@@ -39,11 +62,12 @@ class RadioLink:
         self._sequence = 0
         self._since: float | None = None
         self._unread = 0
+        self._asking, self._reading = _Method(), _Method()
         if self._line_end:
             try:
                 driver.receive(self._line_end, 0.0)  # so that the first datagram begins a line
             except FAILURES as error:
-                self._failed(error)
+                self._failed(error, self._reading, 0.0)
 
     def fileno(self) -> int | None:
         return self._link.fileno()
@@ -57,21 +81,26 @@ class RadioLink:
     def read(self, now: float) -> list[tuple[RadioReading, Hashable]]:
         """Return the new readings with their sources. If the driver raises, count a trouble and drop these bytes."""
         readings: list[tuple[RadioReading, Hashable]] = []
-        try:
-            if words := self._driver.ask(now):
-                self._link.send(words, None)
-        except FAILURES as error:
-            self._failed(error)
+        if self._asking.is_due(now):
+            try:
+                if words := self._driver.ask(now):
+                    self._link.send(words, None)
+                self._asking.succeeded()
+            except FAILURES as error:
+                self._failed(error, self._asking, now)
         # Read even if `ask` raised: bytes left in the socket would wake the loop at once, again and again.
         for data, source in self._link.receive(now):
+            if not self._reading.is_due(now):
+                continue
             whole = data if data.endswith(self._line_end) else data + self._line_end
             try:
                 for reading in self._driver.receive(whole, now):
                     if not isinstance(reading, RadioReading):
                         raise TypeError(f"{reading!r} is not a RadioReading")
                     readings.append((reading, source))
+                self._reading.succeeded()
             except FAILURES as error:
-                self._failed(error)
+                self._failed(error, self._reading, now)
         self._watch(bool(readings), now)
         return readings
 
@@ -81,7 +110,8 @@ class RadioLink:
     def close(self) -> None:
         self._link.close()
 
-    def _failed(self, error: BaseException) -> None:
+    def _failed(self, error: BaseException, method: _Method, now: float) -> None:
+        method.failed(now)
         failed = f"driver {self._name} failed"
         note(self.troubles, f"{failed}: {error!r:.{MOST_WORDS}}", f"{failed} with other errors")
 

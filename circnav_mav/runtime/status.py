@@ -135,16 +135,17 @@ def shown(value: float | None, form: str) -> str:
 
 
 def status_facts(status: Status, settings: PilotSettings, most_reasons: int | None = None) -> dict[str, str]:
-    """Return the facts of a status as texts, by label. Unknown facts are "-", and `flown` is empty before engaging.
-    most_reasons: maximum number of rejection reasons listed, None for all."""
+    """Return the facts of a status as texts, by label. Unknown values are "-". A text is empty if its condition is
+    absent: `flown` before engaging, `waiting` while steering waits for nothing. most_reasons: maximum number of
+    rejection reasons listed, None for all."""
     tick, timing, orbit = status.tick, settings.timing, settings.orbit
     frames, accepted, _, setpoints = (shown(rate, "{:.1f}/s") for rate in status.rates or (None,) * 4)
     range_age, link_age = (shown(age, "{:.2f} s") for age in (tick.range_age, tick.link_age))
     duration = f" of {timing.duration:.0f} s" if isfinite(timing.duration) else ""
     desired = tick.desired or orbit.radius
-    measured = "" if tick.measured_rate is None else f"   measured {tick.measured_rate:+.2f} m/s"
+    measured = "" if tick.measured_rate is None else f", measured {tick.measured_rate:+.2f} m/s"
     turn = shown(None if tick.turn_rate is None else degrees(tick.turn_rate), "{:+.1f}")
-    at_limit = "   AT THE LIMIT" if tick.saturated else ""
+    limit = "AT LIMIT" if tick.saturated else "limit"  # near the front: a narrow terminal shows it
     refused = sum(status.rejected.values())
     reasons = [f"{count} {reason}" for reason, count in status.rejected.items()]
     more = ", ..." if len(reasons[:most_reasons]) < len(reasons) else ""
@@ -153,19 +154,20 @@ def status_facts(status: Status, settings: PilotSettings, most_reasons: int | No
     return {
         "vehicle": status.vehicle,
         "flown": "" if status.flown is None else f"flown {status.flown:.0f} s{duration}",
-        "range": f"{_with_sigma(tick.r, tick.r_sigma, '.2f', 'm')} horizontal   desired {desired:.1f} m",
+        "range": f"{_with_sigma(tick.r, tick.r_sigma, '.2f', 'm')} horizontal, desired {desired:.1f} m",
         "error": shown(None if tick.r is None else tick.r - desired, "{:+.2f} m"),
         "range rate": _with_sigma(tick.r_dot, tick.r_dot_sigma, "+.2f", "m/s") + measured,
-        "turn rate": f"commanded {turn} deg/s (limit {degrees(orbit.max_turn_rate):.1f}), "
-        f"gain {tick.turn_gain:.2f}, delay {tick.turn_delay:.2f} s{at_limit}",
+        "turn rate": f"commanded {turn} deg/s ({limit} {degrees(orbit.max_turn_rate):.1f}), "
+        f"gain {tick.turn_gain:.2f}, delay {tick.turn_delay:.2f} s",
         "heading": shown(None if tick.heading is None else degrees(tick.heading) % 360, "{:03.0f} deg"),
         "law": status.why or tick.law or "-",
-        "waiting": status.waits or "-",
+        "waiting": status.waits,
         "target": status.target,
         **status.added,
         "ranging": f"{accepted} accepted, newest {range_age} old, stale at {timing.stale:.2f} s",
         "rejected": f"{refused} of {refused + tick.accepted}{why}{others}",
-        "link": f"{frames} frames, heartbeat {link_age} old  {status.trusted}",
+        "link": f"{frames} frames, heartbeat {link_age} old",
+        "senders": status.trusted,
         "setpoints": f"{setpoints}, {status.setpoints} total",
     }
 

@@ -5,8 +5,10 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import takewhile
 from math import cos, hypot, inf, nan, radians, sin
 from pathlib import Path
+from rlcompleter import Completer
 from typing import Any
 
 import pytest
@@ -212,3 +214,9 @@ def test_the_page_has_every_promised_name_and_no_filter_is_loaded_before_one_is_
     loaded = "import sys, circnav_mav; print('numpy' in sys.modules); circnav_mav.Orbit; print('numpy' in sys.modules)"
     told = subprocess.run([sys.executable, "-c", loaded], cwd=ROOT, capture_output=True, text=True, check=True)
     assert told.stdout.split() == ["False", "True"]
+
+
+def test_the_interpreter_completes_the_public_names_and_no_other():
+    completer = Completer({"circnav_mav": circnav_mav})
+    found = list(takewhile(bool, (completer.complete("circnav_mav.", number) for number in range(99))))
+    assert [name.removeprefix("circnav_mav.").rstrip("()") for name in found] == sorted(circnav_mav.__all__)

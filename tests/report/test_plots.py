@@ -7,6 +7,7 @@ import pytest
 
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.report import plots
+from circnav_mav.report.chart_data import chart_data
 from circnav_mav.report.plots import plot_flight, plot_replay
 from circnav_mav.runlog.ticks import read_ticks, read_truth
 from tests.runlog.conftest import EPOCH_US, rewrite_ticks
@@ -68,6 +69,19 @@ def test_a_time_without_ranges_and_what_was_never_sent_are_named_in_the_legends(
     assert limits == pytest.approx([-20.05, 20.05], abs=0.01)  # deg/s of 0.35 rad/s
     ticks.numbers["yaw_rate_sent"][:] = np.nan
     assert legend(drawn(plot_flight, ticks, None, ORBIT).axes[-1])[0] == "would command"
+
+
+def test_a_vehicle_that_turns_less_than_commanded_has_the_steady_command_beside_the_steady_circle(ticks, drawn):
+    """A gain of 0.75: -8.6 deg/s is flown by a command of -11.5. A gain of 1 is one line."""
+    turn_rate = drawn(plot_flight, ticks, None, ORBIT).axes[-1]
+    assert "steady command" not in " ".join(legend(turn_rate))
+    ticks.numbers["turn_gain"][:] = 0.75
+    turn_rate = drawn(plot_flight, ticks, None, ORBIT).axes[-1]
+    level = {line.get_label(): line.get_ydata()[-1] for line in turn_rate.lines}
+    assert level["steady circle"] == pytest.approx(-8.59, abs=0.01)
+    assert level["steady command, gain 0.75"] == pytest.approx(-11.46, abs=0.01)
+    columns = chart_data(ticks, None, ORBIT, {})["columns"]
+    assert columns["steady_command"][1][-1] == pytest.approx(-0.2, abs=1e-3)  # rad/s: the report has it, too
 
 
 def test_arrows_stand_all_round_the_circle_and_the_desired_one_on_top(run_folder, ticks, drawn):

@@ -22,10 +22,13 @@ BACK = "the operator has the vehicle: enter GUIDED again to return it to circnav
 STALE = r"RANGE STALE 4\.\d s: holding the circle's turn rate with 20 setpoints per second, the flight ends at 10\.5 s"
 
 
-def drawn(status, *, ascii_only=False, settings=SETTINGS, columns=80):
-    """The picture of a status as lines of text."""
+def drawn(*statuses, ascii_only=False, settings=SETTINGS, columns=80, rows=0):
+    """The picture of the last of these statuses as lines of text."""
     console = Console(width=columns, file=io.StringIO(), color_system=None)
-    console.print(Picture(settings, "small", ascii_only=ascii_only).draw(status, columns))
+    picture = Picture(settings, "small", ascii_only=ascii_only)
+    for status in statuses:
+        last = picture.draw(status, columns, rows)
+    console.print(last)
     return console.file.getvalue().splitlines()
 
 
@@ -123,7 +126,7 @@ def test_the_target_is_told_as_seen_from_the_vehicle_and_drift_by_where_it_goes_
     assert status.target == "bearing 323 deg, drift 2.0 m/s towards 000 deg"
     assert status.alarms == ("NOT RECORDING: disk full",)
     lines = "\n".join(drawn(status))
-    assert " m horizontal   desired 100.0 m" in lines
+    assert " m horizontal, desired 100.0 m" in lines
     assert "deg/s (limit 20.0), gain 0.72, delay 0.46 s" in lines
     assert f"target      {status.target}" in lines
 
@@ -163,9 +166,42 @@ def test_bars_lean_to_the_side_that_is_flown_and_the_sparkline_falls_with_the_er
     assert turn.index("●") > turn.index("┼")
     error = next(line for line in lines if line.startswith("error"))
     levels = ["▁▂▃▄▅▆▇█".index(mark) for mark in error if mark in "▁▂▃▄▅▆▇█"]
-    assert len(levels) == 27  # 1.5 s each
+    assert len(levels) == 21  # 2 s each
     assert (levels[0], levels[-1]) == (7, 0)
-    assert "full 21" in error
+    assert re.search(r" 40 s, max 21\d\.\d m$", error.rstrip()), "what its height and width mean"
+
+
+def test_no_word_is_cut_at_80_columns_by_long_addresses_nor_the_limit_that_is_reached(statuses):
+    flown = statuses(6.0)[-1]
+    senders = "1/1 at 192.168.144.11:14550, ranges of 1/192 at 192.168.144.12:14560"
+    tick = flown.tick._replace(saturated=True, turn_rate=-0.349)
+    lines = drawn(
+        replace(flown, tick=tick, trusted=senders, rejected={"a_reason_of_some_length": 1000000} | flown.rejected)
+    )
+    told = next(line for line in lines if "senders" in line)
+    assert told.strip("│ ") == "senders     1/1 at 192.168.144.11:14550, ranges of 1/192 at ..."
+    assert re.search(r"heartbeat \d\.\d\d s old +│", next(line for line in lines if "│ link " in line))
+    assert "commanded -20.0 deg/s (AT LIMIT 20.0)" in "\n".join(lines)
+
+
+@pytest.mark.parametrize("ascii_only", [False, True])
+def test_a_large_terminal_is_filled_with_the_track_and_the_range(statuses, ascii_only):
+    """Clockwise round the target: east of it the vehicle's arrow points south."""
+    flown = statuses(60.0, law="auto")
+    east = next(one for one in reversed(flown) if one.tick.x and one.tick.x > 95)
+    lines = drawn(*flown[: flown.index(east) + 1], ascii_only=ascii_only, columns=200, rows=50)
+    assert (len(lines), {len(line) for line in lines}) == (49, {200})
+    plan, below = [line[104:-2] for line in lines[1:-1]], lines[20:-1]
+    dots = [sum(not letter.isspace() for letter in line) for line in plan]
+    assert sum(dots) > 100, "a circle and a track"
+    row = next(number for number, line in enumerate(plan) if ("v" if ascii_only else "↓") in line)
+    target = next(number for number, line in enumerate(plan) if "+" in line)
+    assert abs(row - target) < 12
+    assert plan[row].index("v" if ascii_only else "↓") > 60, "east is to the right"
+    assert any("100 m" in line[:12] for line in below)
+    assert "estimated track, seen from above" in lines[0]
+    if ascii_only:
+        assert "".join(line.strip("│╭╮╰╯─ ") for line in plan).replace("─", "").isascii()
 
 
 # --- an alarm is something to act on ---

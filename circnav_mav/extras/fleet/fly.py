@@ -142,7 +142,7 @@ def _close(member: Member, epoch_us: int) -> Exit:
     summary, code = close_flight(
         member.pilot, recorder, member.mission, epoch_us, code, member.alarms.begun, member.onlookers
     )
-    member.onlookers.show_verdict(verdict(summary, recorder.folder))
+    member.onlookers.show_verdict(verdict(summary, recorder.folder), recorder.folder)
     return code
 
 

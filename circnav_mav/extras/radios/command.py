@@ -32,19 +32,24 @@ def watch_radio(endpoint: str, seconds: float | None) -> int:
     with closing(link):
         received = _listen(link, seconds or inf)
         for words, count in link.troubles.items():
-            say(f"  WARNING    {words}" + (f" ({count} times)" if count > 1 else ""))
+            if count > 1:
+                say(f"  WARNING    {words} ({count} times)")
     return Exit.DONE if received else Exit.NOTHING_RECEIVED
 
 
 def _listen(link: RadioLink, seconds: float) -> bool:
-    """Print the lines. Return True if any range was received."""
+    """Print the lines, and each new trouble once. Return True if any range was received."""
     beacons: dict[int, deque[ReceivedRange]] = {}
+    shown: set[str] = set()
     clock, stop = Clock(), StopRequest()
     due, now = PERIOD, 0.0
     while now < seconds and stop.signal_name is None:
         wait({"radio": link}, stop, min(clock.until(due), clock.longest_wait))
         readings = link.read(now)
         now = clock.now()
+        for words in link.troubles.keys() - shown:
+            shown.add(words)
+            say(f"  WARNING    {words}")
         for reading, _ in readings:
             measured = isfinite(reading.range) and reading.range > 0
             if measured and (reading.beacon in beacons or len(beacons) < MOST_BEACONS):

@@ -1,5 +1,6 @@
-"""Server of the live page, started by the flight: `python -m circnav_mav.extras.web FD`. FD is a listening socket, and
-stdin carries the feed. The server prints "ready" and runs until stdin ends."""
+"""Server of the live page, started by the flight: `python -m circnav_mav.extras.web FD AWAY`. FD is a listening socket,
+and stdin carries the feed. The server prints "ready". After the flight it closes stdout, and serves the page and the
+report as long as a browser shows them: until none has for AWAY seconds, or the next flight needs the port."""
 
 import asyncio
 import json
@@ -8,7 +9,10 @@ import socket
 import sys
 from collections import deque
 from collections.abc import AsyncIterator
+from contextlib import suppress
+from math import inf
 from pathlib import Path
+from time import monotonic
 from typing import Any, ClassVar
 
 import uvicorn
@@ -16,16 +20,19 @@ from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, Response, StreamingResponse
+from starlette.responses import HTMLResponse, PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from circnav_mav.extras.web.port import release_name
 from circnav_mav.report.charts import with_charts
 
 POLL = 0.1
 """Interval of updates to a browser, s. A slow browser gets fewer updates."""
 GRACE = 0.5
 """Time for the last event to reach the browsers, s."""
+LONGEST_STAY = 3600.0
+"""Longest time for which the page is served after the flight, s. Chosen: a forgotten tab must not keep a process."""
 MOST_BROWSERS = 40
 """Maximum number of event streams. One more ends the oldest, whose browser reconnects."""
 MOST_CONNECTIONS = 400
@@ -39,7 +46,7 @@ often."""
 NEWEST = 100
 """Newest ticks that are kept completely. A browser that is further behind gets the whole history again."""
 COLUMNS = ("time", "measured", "r", "r_dot", "turn_rate", "x", "y", "drift_x", "drift_y", "east", "north", "heading",
-           "state", "mode", "law", "desired")  # fmt: skip
+           "state", "mode", "law", "desired", "turn_gain")  # fmt: skip
 """Values of a tick that a point holds."""
 PAGE = with_charts(Path(__file__).with_name("page.html"))
 HEADERS = {
@@ -59,6 +66,10 @@ class History:
         """Number of ticks received."""
         self.over = False
         """True after the feed has ended."""
+        self.closed = False
+        """True when the server stops."""
+        self.seen = -inf
+        """Time at which the last event stream ended, s; infinity while one is open."""
         self._flight: dict[str, Any] = {}
         self._end: dict[str, Any] = {"verdict": None}
         self._points: list[list[float | str | None]] = []
@@ -94,8 +105,14 @@ class History:
 
     @property
     def end(self) -> str:
-        """Last event, with the verdict, or null if the flight's process was killed."""
+        """Event at the end of the flight, with the verdict, or null if the flight's process was killed."""
         return _event("end", json.dumps(self._end))
+
+    @property
+    def report(self) -> Path | None:
+        """Report of the flight once it is written, else None."""
+        path = self._end.get("report")
+        return Path(path) if path and Path(path).is_file() else None
 
     def _all(self) -> str:
         """Return the whole history as JSON, for a new browser."""
@@ -109,36 +126,48 @@ def _event(kind: str, data: str) -> str:
 
 
 def application(history: History) -> Starlette:
-    """Return the web application: the page and its event stream, both read-only. Other host names are rejected, so that
-    no other page in the browser can read it."""
+    """Return the web application: the page, its event stream and the report, all read-only. Other host names are
+    rejected, so that no other page in the browser can read it."""
 
     async def page(request: Request) -> Response:
         return HTMLResponse(PAGE, headers=HEADERS)
+
+    async def report(request: Request) -> Response:
+        with suppress(OSError):
+            if (path := history.report) is not None:
+                return HTMLResponse(path.read_bytes(), headers=HEADERS)
+        return PlainTextResponse("no report yet", status_code=404, headers=HEADERS)
 
     streams: dict[object, None] = {}
 
     async def stream() -> AsyncIterator[str]:
         if len(streams) >= MOST_BROWSERS:
             streams.pop(next(iter(streams)))
-        me, seen = object(), None
+        me, seen, ended, written = object(), None, False, False
         streams[me] = None
+        history.seen = inf
         try:
-            while me in streams:
+            while me in streams and not history.closed:
                 over, news, seen = history.over, history.since(seen), history.count
                 for event in news:
                     yield event
-                if over:
+                if over and not ended:
+                    ended = True
                     yield history.end
-                    return
+                if ended and not written and history.report is not None:
+                    written = True
+                    yield _event("report", "{}")
                 await asyncio.sleep(POLL)
         finally:
             streams.pop(me, None)
+            history.seen = inf if streams else monotonic()
 
     async def events(request: Request) -> Response:
         return StreamingResponse(stream(), media_type="text/event-stream", headers=HEADERS)
 
     hosts = Middleware(TrustedHostMiddleware, allowed_hosts=["127.0.0.1", "localhost"])
-    return Starlette(routes=[Route("/", page), Route("/events", events)], middleware=[hosts])
+    routes = [Route("/", page), Route("/events", events), Route("/report", report)]
+    return Starlette(routes=routes, middleware=[hosts])
 
 
 class Connection(H11Protocol):
@@ -167,8 +196,8 @@ class Connection(H11Protocol):
         self._open.pop(self, None)
 
 
-async def serve(listener: socket.socket) -> None:
-    """Serve until stdin ends."""
+async def serve(listener: socket.socket, away: float) -> None:
+    """Serve until stdin ends, and then as long as a browser shows the page. away: see `stay`."""
     history = History()
     reader = asyncio.StreamReader(limit=LONGEST_LINE)
     await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
@@ -183,10 +212,24 @@ async def serve(listener: socket.socket) -> None:
         history.take(line)
     history.over = True
     await asyncio.sleep(GRACE)
-    server.should_exit = True
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # the flight does not wait any longer
+    await stay(history, listener.getsockname()[1], away)
+    history.closed = server.should_exit = True
     await serving
+
+
+async def stay(history: History, port: int, away: float) -> None:
+    """Wait until no browser has shown the page for `away` seconds, LONGEST_STAY is over, or the next flight needs the
+    port. Its process connects to the socket `release_name`, and waits until this process has ended."""
+    wanted, begun = asyncio.Event(), monotonic()
+    with suppress(OSError):  # the name is in use
+        if (name := release_name(port)) is not None:
+            await asyncio.start_unix_server(lambda reader, writer: wanted.set(), name)
+    while not wanted.is_set() and monotonic() - history.seen < away and monotonic() - begun < LONGEST_STAY:
+        with suppress(TimeoutError):
+            await asyncio.wait_for(wanted.wait(), POLL)
 
 
 if __name__ == "__main__":
     os.nice(NICENESS)
-    asyncio.run(serve(socket.socket(fileno=int(sys.argv[1]))))
+    asyncio.run(serve(socket.socket(fileno=int(sys.argv[1])), float(sys.argv[2])))

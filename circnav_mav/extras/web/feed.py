@@ -2,6 +2,8 @@
 does not fit is dropped, so that a slow, stopped or dead server never delays a tick. The page cannot influence the
 flight."""
 
+import errno
+import getpass
 import importlib.util
 import json
 import os
@@ -10,6 +12,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from enum import Enum
 from math import isfinite
 from pathlib import Path
@@ -17,6 +20,7 @@ from typing import Any
 
 import circnav_mav
 from circnav_mav.cli.exits import Refused, refusing, say
+from circnav_mav.extras.web.port import release
 from circnav_mav.mav.truth import is_truth_frame, relative_truth
 from circnav_mav.mission.schema import MOST_PORT
 from circnav_mav.pilot import Pilot, PilotSettings, TickRecord
@@ -32,6 +36,9 @@ LINES_A_SECOND = 10
 """Updates of the page per real second. Chosen."""
 START_PATIENCE, STOP_PATIENCE = 10.0, 3.0
 """Timeouts for starting and ending the server's process, s. Chosen."""
+AWAY = 30.0
+"""Time without a browser, s, after which the page of a finished flight is no longer served. Chosen: enough to reload it
+or to reconnect a tunnel."""
 LONGEST_TEXT = 300
 """Maximum length of a text on the page, characters. Chosen: only external names are longer."""
 MOST_VEHICLES = 20
@@ -95,19 +102,27 @@ class LivePage(Onlooker):
         self._queue_event({"kind": "tick", **tick})
         return ()
 
-    def show_verdict(self, verdict: str) -> None:
-        """Send the verdict after the flight. Wait up to STOP_PATIENCE for room in the pipe."""
+    def show_verdict(self, verdict: str, folder: Path) -> None:
+        """Send the verdict and the path of the report. Wait up to STOP_PATIENCE for room in the pipe."""
         if self._pipe is not None:
             select.select([], [self._pipe], [], STOP_PATIENCE)
-            self._queue_event({"kind": "end", "verdict": verdict})
+            self._queue_event({"kind": "end", "verdict": verdict, "report": str(folder.absolute() / "report.html")})
 
     def close(self) -> None:
-        """Stop the server."""
-        try:
-            self._process.communicate(timeout=STOP_PATIENCE)  # closes its stdin, which ends it
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.communicate()
+        """End the feed. A server that a browser still uses stays by itself, and has closed its stdout."""
+        process = self._process
+        assert process.stdin is not None
+        assert process.stdout is not None
+        if process.stdout.closed:
+            return
+        self._pipe = None
+        with suppress(OSError):
+            process.stdin.close()
+        ended, _, _ = select.select([process.stdout], [], [], STOP_PATIENCE)
+        if not ended:
+            process.kill()
+        process.stdout.close()
+        process.poll()
 
     def _queue_event(self, what: dict[str, Any]) -> None:
         """Write a line to the pipe, or drop it. Up to PIPE_BUF bytes are written atomically, so no line is partial."""
@@ -137,13 +152,22 @@ def open_onlooker(given: OnlookerSettings) -> LivePage | None:
         )  # fmt: skip
     page.pace = PAGE_SPEED
     say(f"live page at {page.url}")
+    # In a session over SSH, the page is on the remote computer, and the operator's browser is not.
+    if len(connection := os.environ.get("SSH_CONNECTION", "").split()) == 4:
+        tunnel = page.url.removeprefix("http://").rstrip("/")
+        say(f"from your own computer: ssh -L {tunnel.rpartition(':')[2]}:{tunnel} {getpass.getuser()}@{connection[2]}")
     return page
 
 
 def _listener(port: int) -> socket.socket:
     """Return a socket that listens on the loopback interface. Opened before the flight. Raises WebError."""
     try:
-        return socket.create_server((HOST, port))
+        try:
+            return socket.create_server((HOST, port))
+        except OSError as error:  # the page of the flight before may still be shown
+            if error.errno != errno.EADDRINUSE or not release(port, STOP_PATIENCE):
+                raise
+            return socket.create_server((HOST, port))
     except OSError as error:
         why = os.strerror(error.errno or 0)
         raise WebError(f"--web {port}: {HOST}:{port} cannot be used: {why}; choose another port") from None
@@ -152,7 +176,7 @@ def _listener(port: int) -> socket.socket:
 def _serve(listener: socket.socket) -> "subprocess.Popen[bytes]":
     """Start the server's process and wait until it is ready. Raises WebError."""
     process = subprocess.Popen(
-        [sys.executable, "-P", "-m", "circnav_mav.extras.web", str(listener.fileno())],
+        [sys.executable, "-P", "-m", "circnav_mav.extras.web", str(listener.fileno()), str(AWAY)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav import cli
 from circnav_mav.cli.exits import Exit, Refused
-from circnav_mav.extras.locate import map_picture
+from circnav_mav.extras.locate import command, map_picture
 from circnav_mav.extras.locate.estimator import Ranges, Track
 from circnav_mav.extras.locate.export import own_beacon
 from circnav_mav.extras.locate.place import Place, Plane
@@ -182,6 +182,16 @@ def test_a_run_is_located_with_the_noise_and_the_altitude_of_its_own_mission_unl
     assert high["range_bias_m"] - right["range_bias_m"] == pytest.approx(hypot(100, 40) - hypot(100, 20), rel=0.3)
     assert found("--altitude", 400, altitude=420.0) == right
     assert found("--sigma", 0.5, sigma=5.0) == right
+
+
+def test_a_terminal_shows_what_takes_long_while_it_does(monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    with command._busy("locating target"):
+        assert "locating target" in capsys.readouterr().err
+    monkeypatch.delenv("FORCE_COLOR")
+    capsys.readouterr()
+    with command._busy("locating target"):
+        assert capsys.readouterr().err == "", "a pipe has the number of ranges before the wait"
 
 
 def test_an_altitude_that_is_missing_is_that_between_its_neighbours():

@@ -115,9 +115,31 @@ def test_what_a_driver_gives_that_is_no_range_costs_no_flight_and_the_list_of_it
         "driver odd failed: TypeError('beacon id 3.0 is not a whole number')",
     ]
     for number in range(1000):
-        radio.hears(str(number).encode())
+        radio.hears(str(number).encode(), now=float(number))
     assert radio.link.troubles["driver odd failed with other errors"] == 999
     assert len("".join(radio.link.troubles)) < 1000
+
+
+def test_a_driver_that_fails_at_every_call_is_called_once_a_second_and_recovers():
+    """With an error in its code it failed 30,513 times in a flight."""
+
+    class Unfinished(Lines):
+        finished = False
+
+        def read_line(self, line):
+            return super().read_line(line) if self.finished else self.not_written_yet(line)
+
+        def ask(self, now):
+            return self.asked_at
+
+    radio = Radio("unfinished", driver := Unfinished(), datagrams=True)
+    for step in range(1000):
+        assert radio.hears(b"5.0", now=0.1 * step) == []
+    failed = "driver unfinished failed: AttributeError(\"'Unfinished' object has no attribute "
+    counts = {words.removeprefix(failed): count for words, count in radio.link.troubles.items()}
+    assert counts == {"'asked_at'\")": pytest.approx(109, abs=2), "'not_written_yet'\")": pytest.approx(109, abs=2)}
+    driver.finished = True
+    assert [len(radio.hears(b"5.0", now=102.0 + 0.1 * step)) for step in range(5)] == 5 * [1]
 
 
 def test_a_question_that_fails_leaves_no_byte_unread_and_a_driver_that_exits_ends_no_flight():

@@ -30,6 +30,13 @@ def test_the_address_of_the_page_is_told_before_the_flight(circnav, mission):
     assert re.search(r"live page at http://127\.0\.0\.1:\d+/\n", ran.out)
 
 
+def test_over_ssh_the_command_for_a_tunnel_is_printed(circnav, mission, monkeypatch):
+    monkeypatch.setenv("SSH_CONNECTION", "10.0.0.2 50000 192.168.2.2 22")
+    monkeypatch.setenv("LOGNAME", "pi")
+    ran = circnav("fly", mission, "--web", 0)
+    assert re.search(r"from your own computer: ssh -L (\d+):127\.0\.0\.1:\1 pi@192\.168\.2\.2\n", ran.out)
+
+
 def test_a_port_in_use_is_refused_before_anything_flies(circnav, mission, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
@@ -66,8 +73,19 @@ def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(browser, tm
         assert browser.value("alarms.map(([, words]) => words.split(' ').slice(0, 2).join(' '))") == ["RANGE STALE"]
         told = browser.value("document.getElementById('circle').innerText")
         assert re.fullmatch(r"100 m .*\. 2\d+-\d\d-\d\d \d\d:\d\d UTC\. ardupilot copter, firmware 4.6.3", told)
-        assert browser.complaints == []
+        assert "waiting" not in browser.value("document.getElementById('figures').innerText"), "nothing is waited for"
+        assert browser.value("document.querySelector('[data-fact=range]').innerText").endswith(
+            "m horizontal, desired 100.0 m"
+        )
         flown.communicate(timeout=PATIENCE)
+        # the flight is over: a reload works, and the report is one click away
+        browser.open(said.split()[-1])
+        browser.until("document.querySelector('#report a')")
+        assert browser.value("document.getElementById('outcome').innerText").startswith("COMPLETED")
+        assert str(tmp_path / "run" / "report.html") in browser.value("document.getElementById('report').innerText")
+        browser.open(browser.value("document.querySelector('#report a').href"))
+        assert browser.value("document.querySelectorAll('svg.strip').length") > 5
+        assert browser.complaints == []
     assert flown.returncode == 0
 
 

@@ -32,6 +32,7 @@ def patient():
     with pytest.MonkeyPatch.context() as patch:
         for name in ("START_PATIENCE", "STOP_PATIENCE"):
             patch.setattr(feed, name, PATIENCE)
+        patch.setattr(feed, "AWAY", 5.0)  # no server outlives the tests for long
         yield
 
 
@@ -120,7 +121,7 @@ def test_the_page_is_served_whole_and_needs_no_other_host(idle):
 
 
 def test_there_is_nothing_else_and_nothing_that_changes_anything_nor_under_another_name(idle):
-    for method, path in product(("POST", "PUT", "DELETE", "PATCH", "OPTIONS"), ("/", "/events")):
+    for method, path in product(("POST", "PUT", "DELETE", "PATCH", "OPTIONS"), ("/", "/events", "/report")):
         assert ask(idle, method, path).status == 405, (method, path)
     for method, path in product(("GET", "POST"), ("/nothing", "/../history.py", "/stop")):
         assert ask(idle, method, path).status == 404, (method, path)
@@ -170,7 +171,7 @@ def test_600_slow_clients_keep_no_browser_out(page, asked):
 # --- the stream ---
 
 
-def test_a_browser_gets_what_was_what_is_and_the_verdict(flown, page):
+def test_a_browser_gets_what_was_what_is_and_the_verdict(flown, page, tmp_path):
     early = Stream(page)
     fly(flown, 8.0, page)
     early.until_tick(flown.ticks[-1].time)  # the server has it all
@@ -184,10 +185,48 @@ def test_a_browser_gets_what_was_what_is_and_the_verdict(flown, page):
     fly(flown, 10.0, page)
     newest = stream.until_tick(flown.ticks[-1].time)
     assert (newest["phase"], newest["r"]) == ("engaged", round(flown.ticks[-1].r, 5))
-    page.show_verdict(VERDICT)
+    page.show_verdict(VERDICT, tmp_path)
     page.close()
-    assert stream.until("end") == {"verdict": VERDICT}
-    assert stream.response.read() == b""
+    assert stream.until("end") == {"verdict": VERDICT, "report": str(tmp_path / "report.html")}
+
+
+# --- after the flight ---
+
+
+def test_after_the_flight_the_page_can_be_reloaded_has_the_report_and_gives_its_port_to_the_next_flight(
+    flown, page, tmp_path
+):
+    first, (_, port) = Stream(page), address(page)
+    fly(flown, 6.0, page)
+    page.show_verdict(VERDICT, tmp_path)
+    page.close()
+    first.until("end")
+    assert ask(page, "GET", "/report").status == 404
+    (tmp_path / "report.html").write_text("<p>flown</p>")
+    reloaded = Stream(page)
+    assert reloaded.until("history")["count"] > 50
+    assert reloaded.until("end")["verdict"] == VERDICT
+    assert reloaded.until("report") == first.until("report") == {}
+    assert ask(page, "GET", "/report").read() == b"<p>flown</p>"
+    with closing(open_page(flown.pilot, port)) as following:
+        assert page._process.wait(PATIENCE) == 0
+        assert reloaded.response.read() == b""
+        assert Stream(following).until("history")["count"] == 0
+
+
+def test_the_page_of_a_flight_that_is_over_ends_when_no_browser_shows_it(flown, monkeypatch, tmp_path):
+    monkeypatch.setattr(feed, "AWAY", 0.2)
+    seen, unseen = open_page(flown.pilot), open_page(flown.pilot)
+    stream = Stream(seen)
+    stream.until("history")
+    for page in (unseen, seen):
+        page.show_verdict(VERDICT, tmp_path)
+        page.close()
+    assert unseen._process.wait(PATIENCE) == 0
+    stream.until("end")
+    assert seen._process.poll() is None
+    stream.response.close()
+    assert seen._process.wait(PATIENCE) == 0
 
 
 # --- nothing holds up the flight ---
@@ -199,7 +238,7 @@ def ticks_alone():
     return flight("quickstart").fly(20.0).ticks
 
 
-def test_a_server_that_hangs_and_one_that_was_killed_cost_no_tick(flown, page, ticks_alone):
+def test_a_server_that_hangs_and_one_that_was_killed_cost_no_tick(flown, page, ticks_alone, tmp_path):
     def show(flown):
         page.on_step(flown.ticks[-1] if flown.ticks else None, LoopStep(flown.now), None)
 
@@ -208,11 +247,11 @@ def test_a_server_that_hangs_and_one_that_was_killed_cost_no_tick(flown, page, t
     os.kill(page._process.pid, signal.SIGKILL)
     page._process.wait()
     flown.fly(20.0, show)
-    page.show_verdict(VERDICT)
+    page.show_verdict(VERDICT, tmp_path)
     assert flown.ticks == ticks_alone
 
 
-def test_a_browser_that_never_reads_holds_up_nobody(flown, page, ticks_alone):
+def test_a_browser_that_never_reads_holds_up_nobody(flown, page, ticks_alone, tmp_path):
     with ExitStack() as stuck:
         for _ in range(5):
             browser = stuck.enter_context(socket.create_connection(address(page)))
@@ -220,11 +259,10 @@ def test_a_browser_that_never_reads_holds_up_nobody(flown, page, ticks_alone):
             browser.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
         stream = Stream(page)
         fly(flown, 20.0, page)
-        page.show_verdict(VERDICT)
+        page.show_verdict(VERDICT, tmp_path)
         page.close()
         assert flown.ticks == ticks_alone
         assert stream.until("end")["verdict"] == VERDICT
-        assert page._process.returncode == 0
 
 
 # --- frames that anybody may send ---

@@ -1,0 +1,85 @@
+"""A ROS 2 node over the guidance: ranges and odometry in, a velocity command out.
+
+    ros2 run --prefix python3 docs/ros2_node.py --ros-args -p radius:=80.0 -p speed:=12.0 -p clockwise:=true
+
+It reads `range` (sensor_msgs/Range, horizontal, m) and `odom` (nav_msgs/Odometry: yaw, yaw rate, speed; the position is
+not used), and publishes `cmd_vel` (geometry_msgs/Twist) at 20 Hz. Before the first estimate and while ranges are
+missing it publishes nothing: the bridge to the autopilot must treat a missing command as "give the vehicle back".
+"""
+
+from math import atan2
+
+import rclpy
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from sensor_msgs.msg import Range
+
+from circnav_mav import Direction, Guidance, Orbit, OwnMotion, RangeSample
+
+PERIOD = 0.05
+
+
+def seconds(stamp):
+    """Return a ROS time stamp in seconds."""
+    return stamp.sec + 1e-9 * stamp.nanosec
+
+
+def yaw_of(q):
+    """Return the yaw of a quaternion, rad, counter-clockwise positive, as the guidance and ROS (REP 103) have it."""
+    return atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
+
+
+class Circle(Node):
+    """Circles the beacon that the ranges are measured to."""
+
+    def __init__(self):
+        super().__init__("circnav")
+        defaults = {"radius": 80.0, "speed": 12.0, "clockwise": True, "max_turn_rate": 0.4, "range_sigma": 0.5}
+        values = {name: self.declare_parameter(name, value).value for name, value in defaults.items()}
+        direction = Direction.CLOCKWISE if values["clockwise"] else Direction.COUNTERCLOCKWISE
+        self.sigma = values["range_sigma"]
+        self.orbit = Orbit(values["radius"], direction, values["speed"], values["max_turn_rate"])
+        self.guidance = Guidance(self.orbit)
+        self.commands = self.create_publisher(Twist, "cmd_vel", 10)
+        self.create_subscription(Range, "range", self.on_range, 10)
+        self.create_subscription(Odometry, "odom", self.on_odometry, 10)
+        self.create_timer(PERIOD, self.on_timer)
+
+    def now(self):
+        """Return the node's time in seconds."""
+        return 1e-9 * self.get_clock().now().nanoseconds
+
+    def on_range(self, message):
+        """Process a range."""
+        stamp = seconds(message.header.stamp)
+        self.guidance.observe(RangeSample(stamp=stamp, time=self.now(), r=message.range, sigma=self.sigma))
+
+    def on_odometry(self, message):
+        """Process yaw, yaw rate and speed."""
+        twist, yaw = message.twist.twist, yaw_of(message.pose.pose.orientation)
+        self.guidance.move(OwnMotion(self.now(), yaw, twist.angular.z, airspeed=twist.linear.x))
+
+    def on_timer(self):
+        """Publish the command, if there is one."""
+        command = self.guidance.command(self.now())
+        if command is None:
+            return
+        message = Twist()
+        message.linear.x, message.angular.z = self.orbit.speed, command.turn_rate
+        self.commands.publish(message)
+
+
+def main():
+    """Run the node until Ctrl-C."""
+    rclpy.init()
+    node = Circle()
+    try:
+        rclpy.spin(node)
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    main()
