@@ -55,7 +55,7 @@ def in_one_line(error: BaseException) -> str:
 
 @contextmanager
 def refusing(place: str | Path, *kinds: type[Exception]) -> Iterator[None]:
-    """Convert errors of these kinds, and any OSError, to Refused. The exit code is NOTHING_HEARD if the vehicle or
+    """Convert errors of these kinds, and any OSError, to Refused. The exit code is NOTHING_RECEIVED if the vehicle or
     radio is not there (attribute `no_peer`), else USAGE. place: name of the file if an OSError has none."""
     try:
         yield

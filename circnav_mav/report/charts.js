@@ -151,7 +151,8 @@ const Charts = (() => {
   const colour = (word, words = []) => KNOWN.get(word) ?? `other${[...new Set(words)].filter(one => one && !KNOWN.has(one)).indexOf(word) % 4}`;
 
   // --- the track: ways = [{ name, colour, times, east, north }], relative to the target, north up ---
-  function track(ways, radii, side, { view = [-Infinity, Infinity], marked = [], at = null, heading = null, drift = null } = {}) {
+  // others = [[name, [east, north]]]: places of other vehicles now.
+  function track(ways, radii, side, { view = [-Infinity, Infinity], marked = [], at = null, heading = null, drift = null, others = [] } = {}) {
     const here = ways.map(way => ({ ...way, known: way.times.flatMap((t, i) => way.east[i] != null && t >= view[0] && t <= view[1] ? [i] : []) }))
       .filter(way => way.known.length);
     if (!here.length) return null;
@@ -174,6 +175,10 @@ const Charts = (() => {
       const [x, y] = place(main, i);
       parts.push(`<g class="place ${kind}"><title>${escaped(words)}, ${round(from)} s</title><circle cx="${px(x)}" cy="${px(y)}" r="7.5"/>`
         + `<text x="${px(x)}" y="${px(y + 4)}" text-anchor="middle">${LETTERS[kind]}</text></g>`);
+    }
+    for (const [name, [east, north]] of others) {
+      const [x, y] = [half + scale * east, half - scale * north];
+      parts.push(`<circle cx="${px(x)}" cy="${px(y)}" r="6" class="now desired"/><text x="${px(x + 9)}" y="${px(y + 4)}">${escaped(name)}</text>`);
     }
     for (const way of at == null ? [] : [...here].reverse()) { // the first one, with its heading, on top
       const i = find(way.times, at);
@@ -248,8 +253,9 @@ const Charts = (() => {
       const drift = [newest("drift_x", at ?? Infinity), newest("drift_y", at ?? Infinity)];
       const side = Math.max(Math.min(map.clientWidth, 520), 240), marked = marks(model.bands, model.alarms);
       const drawn = track(model.ways, model.flight.radii ?? [model.flight.radius], side, { view: view ?? undefined, marked, at, heading,
-        drift: drift.includes(null) ? null : drift });
-      const keys = drawn && [...model.ways.map(way => key(way.name, way.colour)), key("desired", "desired")].join("");
+        drift: drift.includes(null) ? null : drift, others: time === null ? model.others : [] });
+      const other = model.others?.length ? [key("other vehicles", "desired")] : [];
+      const keys = drawn && [...model.ways.map(way => key(way.name, way.colour)), key("desired", "desired"), ...other].join("");
       map.innerHTML = drawn ? `<figcaption><b>track</b> <span class="unit">relative to the target</span>${keys}</figcaption>`
         + `<svg viewBox="0 0 ${side} ${side}" class="track" role="img" aria-label="track">${drawn}</svg>`
         : '<p class="none">No track: range alone does not tell where it flies.</p>';

@@ -105,11 +105,16 @@ class Run:
         return f"flight.tlog: {found} ({first}{until:.1f} s of {end:.1f} s)"
 
 
+def is_run(folder: Path) -> bool:
+    """True if a folder holds the files of a run."""
+    return (folder / "flight.tlog").is_file() and (folder / "mission.toml").is_file()
+
+
 def open_run(folder: Path) -> Run:
     """Open a run folder. Raises RunError."""
     if not folder.exists():
         raise RunError(f"{folder}: no such run folder")
-    if not folder.is_dir() or not (folder / "flight.tlog").is_file() or not (folder / "mission.toml").is_file():
+    if not is_run(folder):
         raise RunError(f"{folder}: is not a run folder: flight.tlog or mission.toml is missing")
     manifest, summary = _table(folder / "manifest.json"), dict[str, Any]()
     if "voice" in manifest:  # the key in run folders of earlier versions

@@ -6,7 +6,7 @@ is a request for another circle, which the pilot checks. An import contract deni
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.mav.signing import Signing
@@ -14,6 +14,15 @@ from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Pilot, TickRecord
 from circnav_mav.pilot.conditions import EXTRA_STOPPED
 from circnav_mav.pilot.loop_step import LoopStep
+
+
+class OtherVehicle(NamedTuple):
+    """Another vehicle as known to an onlooker, for the live page. place: east and north of the target, m, None if
+    unknown. words: its state."""
+
+    name: str
+    place: tuple[float, float] | None
+    words: str
 
 
 class Onlooker:
@@ -48,6 +57,10 @@ class Onlooker:
     def facts(self, now: float) -> Mapping[str, str]:
         """Return lines for the display and the live page, by label."""
         return {}
+
+    def vehicles(self, now: float) -> Sequence[OtherVehicle]:
+        """Return other vehicles at the same target, for the live page."""
+        return ()
 
     def alarms(self, now: float) -> Mapping[str, str]:
         """Return the active alarms by name: rows of the extra's own table of conditions."""
@@ -128,6 +141,13 @@ class Onlookers:
         for onlooker in self._working():
             lines |= self._guarded(onlooker, _at(now), onlooker.facts, now) or {}
         return lines
+
+    def vehicles(self, now: float) -> list[OtherVehicle]:
+        """Return the other vehicles known to all onlookers."""
+        found: list[OtherVehicle] = []
+        for onlooker in self._working():
+            found += self._guarded(onlooker, _at(now), onlooker.vehicles, now) or ()
+        return found
 
     def alarms(self, now: float) -> dict[str, str]:
         """Return the alarms of all onlookers by name, and one that lists failed onlookers."""

@@ -11,6 +11,7 @@ EXTENSION = Extension(
     flies={"fleet": "circnav_mav.extras.fleet.fly:fly_fleet"},
     emulates={"fleet": "circnav_mav.extras.fleet.emulate:emulate_fleet"},
     onlooker="circnav_mav.extras.fleet.settings:open_onlooker",
+    report_section="circnav_mav.extras.fleet.section:report_section",
     files=["fleet.csv"],
     order=15,
 )

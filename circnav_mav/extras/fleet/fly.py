@@ -1,6 +1,6 @@
 """`circnav fly MISSION --fleet N`: a fleet on the bundled emulator, with one run folder per member."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from itertools import chain, count
 from math import degrees
@@ -12,6 +12,7 @@ from circnav_mav.cli.closing import close_flight, write_manifest
 from circnav_mav.cli.connect import open_onlookers
 from circnav_mav.cli.exits import Exit, Refused, outlive_terminal, refusing, say
 from circnav_mav.cli.fly import EXITS
+from circnav_mav.cli.verdict import verdict
 from circnav_mav.extras.fleet.carrier import FrameCarrier
 from circnav_mav.extras.fleet.flight import FleetFlight, LossyNetwork, Member, member_overrides
 from circnav_mav.extras.fleet.metrics import FleetFigures, figures
@@ -21,9 +22,9 @@ from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Pilot
 from circnav_mav.runlog.atomic_write import write_json
-from circnav_mav.runtime.clock import local_time_name
+from circnav_mav.runtime.clock import local_time_name, steady
 from circnav_mav.runtime.recorder import Recorder, RecorderError
-from circnav_mav.runtime.runner import StopRequest
+from circnav_mav.runtime.runner import StopRequest, wait
 from circnav_mav.runtime.status import AlarmLog
 
 LINE_EVERY = 20.0
@@ -38,11 +39,7 @@ def fly_fleet(
     """Fly, print the table of the fleet, and return the exit code. Raises Refused."""
     for name, value in (("--endpoint", endpoint), ("--speed", speed)):
         if value is not None:
-            raise Refused(
-                f"{name}: cannot be used with --fleet, which flies the bundled vehicle as fast as possible: omit it"
-            )
-    if options.get("web") is not None:
-        raise Refused("--web: shows one vehicle only, omit it with --fleet")
+            raise Refused(f"{name}: not with --fleet, which flies the bundled vehicle as fast as possible: omit it")
     if dry_run or shadow:
         raise Refused("--dry-run, --shadow: cannot be used with --fleet, which flies the bundled vehicles: omit it")
     outlive_terminal()
@@ -56,12 +53,14 @@ def fly_fleet(
     seed = (missions[0].file.sim or {}).get("seed", 0)
     network = LossyNetwork(fleet_loss or 0.0, fleet_delay or 0.0, seed)
     with ExitStack() as opened:
-        members = [_member(mission, network, folder, options, opened) for mission in missions]
+        # The page of the first member shows the others too.
+        rest = options | {"web": None}
+        members = [_member(one, network, folder, rest if i else options, opened) for i, one in enumerate(missions)]
         epoch_us = members[0].clock.epoch_us
         for member in members:
             _start(member, epoch_us)
         flight = FleetFlight(members, network)
-        flight.fly(watch=_show_progress, stopped=lambda: stop.signal_name)
+        flight.fly(watch=_watch(members[0].onlookers.pace, stop), stopped=lambda: stop.signal_name)
         found = figures(flight.tracks)
         codes = [_close(member, epoch_us) for member in members]
     _keep(folder, path, flight, found, codes, fleet_loss, fleet_delay)
@@ -110,6 +109,21 @@ def _start(member: Member, epoch_us: int) -> None:
         write_manifest(recorder.folder, member.mission, member.pilot, epoch_us)
 
 
+def _watch(pace: float | None, stop: StopRequest) -> Callable[[FleetFlight], None]:
+    """Return the function that is called after each sample: progress lines, and waits that keep the pace.
+
+    pace: simulated seconds per real second, None for any.
+    """
+    began = steady()
+
+    def watch(flight: FleetFlight) -> None:
+        _show_progress(flight)
+        if pace is not None:
+            wait({}, stop, max(began + flight.tracks.time[-1] / pace - steady(), 0.0))
+
+    return watch
+
+
 def _show_progress(flight: FleetFlight) -> None:
     tracks = flight.tracks
     if tracks.time[-1] % LINE_EVERY < 1e-6:
@@ -125,9 +139,10 @@ def _close(member: Member, epoch_us: int) -> Exit:
     outcome, recorder = member.pilot.mission.outcome, member.recorder
     assert outcome is not None and isinstance(recorder, Recorder) and member.alarms is not None
     code = EXITS[outcome.ending]
-    _, code = close_flight(
+    summary, code = close_flight(
         member.pilot, recorder, member.mission, epoch_us, code, member.alarms.begun, member.onlookers
     )
+    member.onlookers.show_verdict(verdict(summary, recorder.folder))
     return code
 
 
@@ -166,11 +181,13 @@ def _show(flight: FleetFlight, found: FleetFigures, folder: Path) -> None:
     say(f"  on circle   all after {shown(found.all_on_circle_s, 's', 'never')}")
     say(f"  even        within 5 deg {shown(found.even_after_s, 's later', 'never')}")
     say(f"  worst gap   {shown(found.worst_gap_deg, 'deg rms')}")
-    say(f"  radius      {shown(found.radius_rms_m, 'm rms')}, {shown(found.radius_spread_m, 'm')} around its own mean")
-    sides = (
-        f"{shown(found.smallest_horizontal_m, 'm')} horizontally, {shown(found.smallest_vertical_m, 'm')} vertically"
-    )
-    say(f"  separation  {sides}; too near (10 m vertically, 25 m horizontally): {found.too_near} pairs")
+    radius = "unknown: never all on the circle"
+    if found.radius_rms_m is not None and found.radius_spread_m is not None:
+        radius = f"{found.radius_rms_m:.1f} m rms, {found.radius_spread_m:.1f} m around the mean of each member"
+    say(f"  radius      {radius}")
+    flat, up = shown(found.smallest_horizontal_m, "m"), shown(found.smallest_vertical_m, "m")
+    say(f"  separation  {flat} horizontally, {up} vertically")
+    say(f"  too near    {found.too_near} pairs (within 10 m vertically and 25 m horizontally)")
     say("  member  end                          alarms  reports accepted, rejected")
     for member in flight.members:
         outcome, link = member.pilot.mission.outcome, member.carrier.summary()

@@ -20,6 +20,8 @@ SILENT = 10.0
 """Largest age of a report, s, up to which a member is extrapolated. After that the other members close the gap."""
 GAIN = 0.6
 """Relative change of the angular rate per error (1/rad)."""
+LEAD = 4.0
+"""Time in which the radius follows a command, s: 3 s inward and 6 s outward for a plane at 15 m/s."""
 INTEGRAL = 0.2
 """Rate of the integral, in units of the angular rate times GAIN squared: below 0.25 the loop does not overshoot."""
 MAX_TRIM = 0.08
@@ -103,12 +105,14 @@ class SpacingSettings:
 
 @dataclass(frozen=True, slots=True)
 class OwnState:
-    """Own state at one time. phase, phase_sigma: temporal phase, rad; None if unknown. range: m."""
+    """Own state at one time. phase, phase_sigma: temporal phase, rad; None if unknown. range: m. shares_layer: True if
+    a member with priority is in the same height layer."""
 
     phase: float | None
     phase_sigma: float
     range: float
     leaving: bool = False
+    shares_layer: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,8 +175,9 @@ class Spacing:
         if state is not State.ON_CIRCLE or own.phase is None:
             self._error = None
             self._decay(dt, FORGET_ALONE)
-            # Members that leave, or wait for a gap in a formed ring, fly in the outer lane.
-            waits = state is State.LEAVING or (state is State.PHASE_KNOWN and self._formed(others))
+            # Members that leave, or wait for a gap in a formed ring or for a free layer, fly in the outer lane.
+            outside = own.shares_layer or self._formed(others)
+            waits = state is State.LEAVING or (state is State.PHASE_KNOWN and outside)
             return Adjustment(state, self.settings.lane if waits else 0.0, 1.0, None, others)
         counted = others | {self.settings.member: own.phase}
         error = slot_errors(counted)[self.settings.member]
@@ -181,7 +186,7 @@ class Spacing:
         jumped = abs(error - before) > pi / len(counted)
         self._error = error if jumped else before + (error - before) * dt / (SMOOTHING + dt)
         self._integrate(dt, alone=not others)
-        return self._adjustment(state, counted)
+        return self._adjustment(state, counted, own)
 
     def _state(self, now: float, own: OwnState, others: Mapping[int, float]) -> State:
         """Return the own state. Enter the circle if there is room."""
@@ -192,7 +197,8 @@ class Spacing:
             self._entered &= now - self._known_at <= SILENT
             return State.SEARCH
         self._known_at = now
-        if self._entered or own.phase_sigma > pi / (len(others) + 1):
+        # Only the layers separate members that pass each other: do not enter a layer that is taken.
+        if self._entered or own.shares_layer or own.phase_sigma > pi / (len(others) + 1):
             return State.ON_CIRCLE if self._entered else State.PHASE_KNOWN
         # Join a formed ring only where both neighbors are far enough away. Otherwise enter as soon as the vehicle is
         # near the circle: the members then space themselves.
@@ -216,14 +222,29 @@ class Spacing:
             rate = INTEGRAL * GAIN**2 * settings.speed / settings.radius
             self.trim = min(max(self.trim + rate * self._error * dt, -MAX_TRIM), MAX_TRIM)
 
+    def _closing(self, range_: float) -> float:
+        """Return the part of the error that the present radius removes within LEAD, rad.
+
+        The error changes at -w x, with the angular rate w and the relative reduction x of the radius. The radius
+        follows a command K u within T: T x' + x = K u. Their loop overshoots for T > 1 / (4 K w). The command
+        K (u - w T x) cancels the lag: the poles become -1 / T and -K w, as if the radius followed at once.
+        """
+        settings = self.settings
+        if settings.by_speed:
+            return 0.0
+        # A lasting change of the radius, which compensates another airspeed, does not change the error.
+        lasting = 0.0 if settings.trims_speed else self.trim
+        inward = (settings.radius - range_) / settings.radius - lasting
+        return LEAD * settings.speed / settings.radius * min(max(inward, -settings.most), settings.most)
+
     def _decay(self, dt: float, time: float) -> None:
         self.trim *= exp(-dt / time)
 
-    def _adjustment(self, state: State, counted: dict[int, float]) -> Adjustment:
+    def _adjustment(self, state: State, counted: dict[int, float], own: OwnState) -> Adjustment:
         """Return the change of speed or radius for the error. The integral changes the speed if it can be commanded."""
         assert self._error is not None
         settings, most = self.settings, self.settings.most
-        quick = min(max(GAIN * self._error, -most), most)
+        quick = min(max(GAIN * (self._error - self._closing(own.range)), -most), most)
         if settings.by_speed:
             faster, inward = min(max(quick + self.trim, -most), most), 0.0
         elif settings.trims_speed:

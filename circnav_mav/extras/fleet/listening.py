@@ -4,6 +4,7 @@ import select
 from collections.abc import Iterator
 from math import inf
 
+from circnav_mav.cli.exits import Refused
 from circnav_mav.extras.fleet.acceptance import Rejection
 from circnav_mav.extras.fleet.onlooker import layer_lines, mission_carrier
 from circnav_mav.extras.fleet.report import MemberReport
@@ -12,25 +13,42 @@ from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check
 from circnav_mav.mission.mission import Mission
 from circnav_mav.runtime.clock import steady, unix_time
 
-LISTEN = 3.0
-"""Time to listen, s: 15 reports of each member."""
+LISTEN, LISTEN_AT_START = 3.0, 1.0
+"""Time to listen in preflight and before a flight, s: 15 and 5 reports of each member."""
 REFUSED = (Rejection.SAME_ID, Rejection.CLOCKS_DISAGREE, Rejection.WRONG_KEY, Rejection.UNSIGNED)
 """Rejections that fail the preflight. Others are counted in flight."""
 
 
 def listen_to_fleet(mission: Mission, table: FleetTable) -> Iterator[Check]:
     """Receive reports, and yield checks of members, ids, clocks and height layers. Raises Refused."""
+    newest, rejected, problems = _listen(table, LISTEN)
+    yield from judge_fleet(mission, table, newest, rejected, problems)
+
+
+def refuse_taken(mission: Mission, table: FleetTable) -> None:
+    """Receive reports for a moment. Raises Refused if another member has the own id or is in the own height layer."""
+    newest, rejected, _ = _listen(table, LISTEN_AT_START)
+    # Other problems do not prevent the start: one member with a wrong clock would otherwise ground all others.
+    relevant: dict[Rejection, int] = {
+        reason: count for reason, count in rejected.items() if reason is Rejection.SAME_ID
+    }
+    checks = judge_fleet(mission, table, newest, relevant, [])
+    if failed := [check.text for check in checks if check.grade is FAIL]:
+        raise Refused(f"fleet: {'; '.join(failed)}")
+
+
+def _listen(table: FleetTable, seconds: float) -> tuple[dict[int, MemberReport], dict[Rejection, int], list[str]]:
+    """Return the newest report of each member, the counts of rejections and the problems. Raises Refused."""
     carrier = mission_carrier(table)
     newest: dict[int, MemberReport] = {}
-    until = steady() + LISTEN
+    until = steady() + seconds
     try:
         while steady() < until:
             newest |= {report.member: report for report in carrier.received(unix_time())}
             select.select([], [], [], 0.05)
-        problems = carrier.alarms(unix_time())
+        return newest, dict(carrier.acceptance.rejected), carrier.alarms(unix_time())
     finally:
         carrier.close()
-    yield from judge_fleet(mission, table, newest, dict(carrier.acceptance.rejected), problems)
 
 
 def judge_fleet(

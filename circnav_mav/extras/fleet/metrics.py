@@ -5,22 +5,16 @@ from math import inf
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from circnav_mav.extras.fleet.flight import SAMPLE_EVERY, Tracks
+from circnav_mav.extras.fleet.evenness import Array, even_from, gap_error, rms
+from circnav_mav.extras.fleet.flight import Tracks
 from circnav_mav.extras.fleet.phase import LAP, PhaseMap
 from circnav_mav.extras.fleet.report import State
 
-EVEN = np.radians(5.0)
-"""Largest gap error of an even fleet, rad."""
-LASTS = 20.0
-"""Time, s, for which all gaps must be within EVEN."""
 NEAR_ABOVE, NEAR_BESIDE = 10.0, 25.0
 """Vertical and horizontal distance, m. Two members are too near each other if both are smaller."""
 MAX_DRIFT_CHANGE = 0.5
 """Change of the true drift, m/s, that requires a new map of the true phase."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,18 +57,9 @@ def true_phases(tracks: Tracks) -> Array:
 
 def gap_errors(tracks: Tracks) -> Array:
     """Return the largest gap error of the members on the circle at every sample, rad; nan for fewer than two."""
-    found = []
-    for phases, states in zip(true_phases(tracks), tracks.state, strict=True):
-        ring = np.sort(phases[[state is State.ON_CIRCLE for state in states]])
-        gaps = np.diff(np.append(ring, ring[:1] + LAP))
-        found.append(np.max(np.abs(gaps - LAP / len(ring))) if len(ring) > 1 else np.nan)
-    return np.array(found)
-
-
-def even_from(errors: Array, first: int) -> int | None:
-    """Return the first sample from which all gaps are within EVEN for LASTS, or None."""
-    lasts, good = round(LASTS / SAMPLE_EVERY), errors <= EVEN
-    return next((k for k in range(first, len(good) - lasts) if good[k : k + lasts].all()), None)
+    pairs = zip(true_phases(tracks), tracks.state, strict=True)
+    rings = (phases[[state is State.ON_CIRCLE for state in states]] for phases, states in pairs)
+    return np.array([gap_error(ring.tolist()) for ring in rings])
 
 
 def figures(tracks: Tracks) -> FleetFigures:
@@ -83,19 +68,19 @@ def figures(tracks: Tracks) -> FleetFigures:
     whole = (states == State.ON_CIRCLE).all(axis=1)
     first = int(np.argmax(whole)) if whole.any() else None
     errors = gap_errors(tracks)
-    even = None if first is None else even_from(errors, first)
+    time = np.array(tracks.time)
+    began = None if first is None else tracks.time[first]
+    even = None if began is None else even_from(time, errors, began)
     radius = np.hypot(np.array(tracks.east), np.array(tracks.north))
-    after = np.flatnonzero(whole) if even is None else np.flatnonzero(whole & (np.arange(len(whole)) >= even))
+    after = np.flatnonzero(whole) if even is None else np.flatnonzero(whole & (time >= even))
     late = after if even is not None else after[len(after) * 2 // 3 :]
     horizontal, vertical, distance, near = _separation(tracks)
     return FleetFigures(
         members=states.shape[1],
-        all_on_circle_s=None if first is None else tracks.time[first],
-        even_after_s=None if even is None or first is None else tracks.time[even] - tracks.time[first],
-        worst_gap_deg=float(np.degrees(np.sqrt(np.mean(errors[late] ** 2))))
-        if len(late) and states.shape[1] > 1
-        else None,
-        radius_rms_m=float(np.sqrt(np.mean((radius[late] - tracks.radius) ** 2))) if len(late) else None,
+        all_on_circle_s=began,
+        even_after_s=None if even is None or began is None else even - began,
+        worst_gap_deg=rms(np.degrees(errors[late])),
+        radius_rms_m=rms(radius[late] - tracks.radius),
         radius_spread_m=float(np.sqrt(np.mean(np.var(radius[late], axis=0)))) if len(late) else None,
         smallest_horizontal_m=horizontal,
         smallest_vertical_m=vertical,

@@ -6,12 +6,15 @@ Without reports from other members it requests nothing, and the vehicle flies as
 
 import io
 from collections.abc import Mapping, Sequence
-from math import degrees, isfinite, nan, pi
+from math import cos, degrees, inf, isfinite, isnan, nan, pi, sin
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from circnav_mav.cli.exits import Refused
 from circnav_mav.extras.fleet.carrier import MULTICAST, FleetLink, FrameCarrier, open_carrier
+from circnav_mav.extras.fleet.evenness import even_from, gap_error, rms
 from circnav_mav.extras.fleet.law import Adjustment, OwnState, Spacing
 from circnav_mav.extras.fleet.limits import spacing_settings
 from circnav_mav.extras.fleet.phase import LAP, Drift, PhaseMap, circle_angle, intersected
@@ -26,7 +29,7 @@ from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runtime.endpoint import LinkError
 from circnav_mav.runtime.keys import KeyFileError, read_key
-from circnav_mav.runtime.onlookers import Onlooker, OnlookerSettings
+from circnav_mav.runtime.onlookers import Onlooker, OnlookerSettings, OtherVehicle
 
 STEP = 0.1
 """Shortest time between two steps of the fleet law, s."""
@@ -44,7 +47,8 @@ LAYER_SHARE = 0.5
 """Height difference, as a share of the layer distance, below which two members are in the same layer."""
 UNKNOWN_VARIANCE = 1e4
 """Variance of an unknown drift, (m/s)^2."""
-COLUMNS = "time,state,phase_deg,phase_sigma_deg,error_deg,offset_m,pace,present,counted"
+COLUMNS = "time,state,phase_deg,phase_sigma_deg,error_deg,offset_m,pace,present,counted,ring"
+"""Columns of fleet.csv. ring: `id:phase` of each member on the circle, deg."""
 
 
 def layer_lines(heights: Mapping[int, float], layer: float) -> list[str]:
@@ -58,6 +62,15 @@ def layer_lines(heights: Mapping[int, float], layer: float) -> list[str]:
         for other, b in known[i + 1 :]
         if abs(a - b) < LAYER_SHARE * layer
     ]
+
+
+def fleet_line(found: Mapping[str, Any]) -> str:
+    """Return the line of the verdict from the fleet's part of the summary."""
+    even = "not even within 5 deg for 20 s"
+    if found["even_after_s"] is not None:
+        even = f"even {found['even_after_s']:.0f} s after it entered, worst gap {found['worst_gap_deg']:.1f} deg rms"
+    layer = "" if found["nearest_layer_m"] is None else f", nearest in height {found['nearest_layer_m']:.0f} m"
+    return f"  fleet      id {found['id']}, {len(found['members'])} members, {even}{layer}"
 
 
 FLEET_LINK = Condition("fleet_link", long="{found}")
@@ -93,6 +106,9 @@ class FleetOnlooker(Onlooker):
         self._over_at: float | None = None
         self._now = 0.0
         self._log = io.StringIO()
+        self._gap_errors: list[tuple[float, float]] = []
+        """Time and largest gap error of the ring, s, rad, while the own vehicle is on the circle."""
+        self._nearest_layer = inf
 
     @property
     def busy(self) -> bool:  # type: ignore[override]
@@ -119,6 +135,7 @@ class FleetOnlooker(Onlooker):
         self.state = self.adjusted.state
         if self.carrier is not None:
             self.carrier.send(self.report(now))
+        self._judge_ring(now)
         self._note(now)
         return ()
 
@@ -144,10 +161,35 @@ class FleetOnlooker(Onlooker):
         if adjusted is None:
             return {}
         present = len(self.spacing.present(self._epoch + now)) + 1
-        words = f"{self.state.name.lower().replace('_', ' ')}, {present} members, {len(adjusted.counted)} on the circle"
-        if adjusted.error is not None:
-            words += f": {degrees(adjusted.error):+.0f} deg behind the slot, {adjusted.offset:+.1f} m"
+        words = (
+            f"{self.state.name.lower().replace('_', ' ')}, {len(adjusted.counted)} of {present} members on the circle"
+        )
+        if self._own.shares_layer and self.state is State.PHASE_KNOWN:
+            words += ": waits outside, the height layer is taken"
+        if adjusted.error is not None and self._own.phase is not None:
+            apart = sorted((phase - self._own.phase) % LAP for phase in adjusted.counted.values())
+            ahead, behind = [*apart[1:2], LAP][0], LAP - apart[-1] if len(apart) > 1 else LAP
+            words += f", gap {degrees(ahead):.0f} deg ahead, {degrees(behind):.0f} behind, {adjusted.offset:+.1f} m"
         return {"fleet": words}
+
+    def vehicles(self, now: float) -> Sequence[OtherVehicle]:
+        """Return the other members for the live page. The phase map gives their places from their phases."""
+        if self._map is None:
+            return ()
+        ring = self.spacing.phases(self._epoch + now)
+        found = []
+        for member, report in sorted(self.spacing.present(self._epoch + now).items()):
+            words = report.state.name.lower().replace("_", " ")
+            words += "" if isnan(report.height) else f", {report.height:.0f} m high"
+            place = None
+            if report.state is not State.SEARCH:
+                phase = report.phase + LAP * (self._epoch + now - report.stamp) / report.lap_period
+                angle = self._map.angle(phase)
+                place = report.radius * cos(angle), self._sense * report.radius * sin(angle)
+            if member in ring and self.state is State.ON_CIRCLE and self._own.phase is not None:
+                words += f", {degrees((ring[member] - self._own.phase) % LAP):.0f} deg ahead"
+            found.append(OtherVehicle(str(member), place, words))
+        return found
 
     def alarms(self, now: float) -> Mapping[str, str]:
         found: dict[str, str] = {}
@@ -186,13 +228,22 @@ class FleetOnlooker(Onlooker):
 
     def finish(self, summary: dict[str, Any]) -> Mapping[str, str]:
         carrier = self.carrier
+        time, errors = np.array(self._gap_errors).reshape(-1, 2).T
+        even = even_from(time, errors, 0.0)
+        worst = rms(np.degrees(errors[time >= even])) if even is not None else None
+        nearest = self._nearest_layer
+        members = sorted({self.spacing.settings.member, *self.spacing.known})
         summary["fleet"] = {
             "group": self._table.group,
             "id": self.spacing.settings.member,
-            "members": sorted({self.spacing.settings.member, *self.spacing.known}),
+            "members": members,
+            "even_after_s": None if even is None else round(even - float(time[0]), 1),
+            "worst_gap_deg": None if worst is None else round(worst, 2),
+            "nearest_layer_m": round(nearest, 1) if isfinite(nearest) else None,
             "trim": round(self.spacing.trim, 4),
             "link": None if carrier is None else carrier.summary(),
         }
+        summary["notes"].append(fleet_line(summary["fleet"]))
         return {"fleet.csv": f"{COLUMNS}\n{self._log.getvalue()}"}
 
     def close(self) -> None:
@@ -204,9 +255,9 @@ class FleetOnlooker(Onlooker):
     def _find_phase(self, now: float, dt: float) -> None:
         pilot, estimate = self._pilot, self._pilot.estimate
         relative = estimate.relative if estimate is not None else None
-        leaving = self._leaves(now)
+        leaving, shares = self._leaves(now), self._shares_layer(now)
         if relative is None or not relative.trusted or not pilot.mission.steering or estimate is None:
-            self._own = OwnState(None, pi, nan if estimate is None else estimate.r, leaving)
+            self._own = OwnState(None, pi, nan if estimate is None else estimate.r, leaving, shares)
             return
         self._follow(relative, now, dt)
         assert self._map is not None
@@ -214,7 +265,7 @@ class FleetOnlooker(Onlooker):
         # The estimate is valid at the pilot's last step. Extrapolate the phase to now.
         phase += LAP * (now - estimate.time) / self._lap_period()
         sigma = relative.sigma / max(estimate.r, 1.0) * rate
-        self._own = OwnState(phase % LAP, sigma, estimate.r, leaving)
+        self._own = OwnState(phase % LAP, sigma, estimate.r, leaving, shares)
 
     def _follow(self, relative: RelativeMotion, now: float, dt: float) -> None:
         """Smooth the drift and the airspeed, and update the phase map every second."""
@@ -258,15 +309,38 @@ class FleetOnlooker(Onlooker):
             return True
         return mission.engaged_at is not None and now - mission.engaged_at > self._duration - LEAVE_AHEAD
 
+    def _shares_layer(self, now: float) -> bool:
+        """True if another member is in the own height layer and has priority: it is on the circle or has the lower
+        id."""
+        height = self._pilot.tracker.height.at(now)
+        if height is None or not self._flies:
+            return False
+        return any(
+            abs(report.height - height) < LAYER_SHARE * self._table.layer_m
+            for member, report in self.spacing.present(self._epoch + now).items()
+            if report.state is State.ON_CIRCLE or member < self.spacing.settings.member
+        )
+
+    def _judge_ring(self, now: float) -> None:
+        """Store the gap error of the ring and the smallest vertical distance, for the summary."""
+        assert self.adjusted is not None
+        if self.state is State.ON_CIRCLE:
+            self._gap_errors.append((now, gap_error(self.adjusted.counted.values())))
+        height = self._pilot.tracker.height.at(now)
+        if height is not None and self._pilot.mission.steering:
+            heights = (report.height for report in self.spacing.present(self._epoch + now).values())
+            self._nearest_layer = min([self._nearest_layer, *(abs(other - height) for other in heights)])
+
     def _note(self, now: float) -> None:
         own, adjusted = self._own, self.adjusted
         assert adjusted is not None
         phase = "" if own.phase is None else f"{degrees(own.phase):.2f}"
         error = "" if adjusted.error is None else f"{degrees(adjusted.error):.2f}"
         present = len(self.spacing.present(self._epoch + now)) + 1
+        ring = " ".join(f"{member}:{degrees(one):.1f}" for member, one in sorted(adjusted.counted.items()))
         self._log.write(
             f"{now:.2f},{self.state.name.lower()},{phase},{degrees(own.phase_sigma):.2f},{error},"
-            f"{adjusted.offset:.2f},{adjusted.speed:.4f},{present},{len(adjusted.counted)}\n"
+            f"{adjusted.offset:.2f},{adjusted.speed:.4f},{present},{len(adjusted.counted)},{ring}\n"
         )
 
 
@@ -290,5 +364,8 @@ def join_fleet(given: OnlookerSettings) -> FleetOnlooker:
     assert table.id is not None
     carrier: FrameCarrier | None = given.options.get("fleet_carrier")
     if carrier is None and not mission.flies_sim:
+        from circnav_mav.extras.fleet.listening import refuse_taken
+
+        refuse_taken(mission, table)
         carrier = mission_carrier(table)
     return FleetOnlooker(mission, given.pilot, table, carrier, lockstep=mission.flies_sim)

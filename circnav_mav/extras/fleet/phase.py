@@ -59,6 +59,10 @@ class PhaseMap:
         rate = self.rate[index] + share * (self.rate[index + 1] - self.rate[index])
         return float(phase) % LAP, float(rate)
 
+    def angle(self, phase: float) -> float:
+        """Return the angle on the circle at a temporal phase, rad: the inverse of `at`."""
+        return float(np.interp(phase % LAP, self.phase, np.linspace(0.0, LAP, POINTS + 1)))
+
 
 def circle_angle(x: float, y: float, sense: int) -> float:
     """Return the angle on the circle, rad, in the sense of rotation. x, y: east and north of the target, m."""

@@ -4,33 +4,35 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from circnav_mav.extras.fleet.flight import SAMPLE_EVERY, Tracks
 from circnav_mav.extras.fleet.metrics import gap_errors, true_phases
 from circnav_mav.extras.fleet.phase import LAP
 from circnav_mav.extras.fleet.report import State
+from circnav_mav.extras.fleet.section import COLORS
 
 FRAMES = 6
 """Number of snapshots; chosen."""
 TRAIL = 15.0
 """Length of the trails, s."""
-COLORS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377")
-"""Paul Tol's bright scheme: distinct for color-blind readers."""
+LEAST_DRIFT = 0.3
+"""Smallest drift that is drawn, m/s."""
 
 
 def draw_fleet(tracks: Tracks, path: Path) -> None:
-    """Write the picture. Raises OSError."""
-    figure = Figure(figsize=(12.0, 10.5), layout="constrained")
-    grid = figure.add_gridspec(3, 3, height_ratios=(1.0, 1.0, 0.9))
+    """Write the picture: a strip of snapshots, phases and gap errors over time. Raises OSError."""
+    figure = Figure(figsize=(13.0, 5.6), layout="constrained")
+    grid = figure.add_gridspec(2, FRAMES, height_ratios=(1.0, 1.3))
     on = np.flatnonzero([State.ON_CIRCLE in states for states in tracks.state])
     first, last = (on[0], on[-1]) if len(on) else (0, len(tracks.time) - 1)
     # Most changes happen at the start: the snapshots are closer together there.
     share = np.array([0.0, 0.08, 0.2, 0.34, 0.52, 0.95])
     for place, index in enumerate((first + share * (last - first)).astype(int)):
-        _frame(figure.add_subplot(grid[place // 3, place % 3]), tracks, int(index))
-    _phases(figure.add_subplot(grid[2, :2]), tracks)
-    _gaps(figure.add_subplot(grid[2, 2]), tracks)
+        _frame(figure.add_subplot(grid[0, place]), tracks, int(index), is_first=place == 0)
+    _phases(figure.add_subplot(grid[1, :4]), tracks)
+    _gaps(figure.add_subplot(grid[1, 4:]), tracks)
     figure.savefig(path, dpi=110)
 
 
@@ -38,31 +40,46 @@ def _color(member: int) -> str:
     return COLORS[member % len(COLORS)]
 
 
-def _frame(axes: Axes, tracks: Tracks, index: int) -> None:
-    """Draw one snapshot with the trail of each member."""
+def _frame(axes: Axes, tracks: Tracks, index: int, *, is_first: bool) -> None:
+    """Draw one snapshot with the fading trail of each member. The first one has the scale and the drift."""
     east, north = np.array(tracks.east), np.array(tracks.north)
     since = max(index - round(TRAIL / SAMPLE_EVERY), 0)
     angle = np.linspace(0.0, LAP, 200)
     axes.plot(tracks.radius * np.cos(angle), tracks.radius * np.sin(angle), color="0.75", ls="--", lw=0.8)
-    axes.plot(0, 0, "x", color="0.3")
+    axes.plot(0, 0, "x", color="0.3", ms=5)
     extent = 1.35 * tracks.radius
     for member in range(east.shape[1]):
-        trail = slice(since, index + 1)
-        axes.plot(east[trail, member], north[trail, member], color=_color(member), lw=1.4)
-        here = east[index, member], north[index, member]
+        trail = np.column_stack([east[since : index + 1, member], north[since : index + 1, member]])
+        if len(trail) > 1:
+            pieces = np.stack([trail[:-1], trail[1:]], axis=1)
+            fading = np.linspace(0.0, 1.0, len(pieces))
+            axes.add_collection(LineCollection(list(pieces), colors=_color(member), alpha=fading, lw=1.6))
+        here = trail[-1]
         if max(map(abs, here)) < extent:
-            axes.plot(*here, "o", color=_color(member), ms=7)
-            text = str(member + 1)
-            axes.annotate(text, here, textcoords="offset points", xytext=(6, 5), fontsize=9, annotation_clip=False)
-    drift = np.array(tracks.drift[index])
-    if np.hypot(*drift) > 0.3:
-        tail = np.array([-0.95, 0.95]) * extent
-        tip = tail + 0.35 * extent * drift / tracks.speed / max(np.hypot(*drift) / tracks.speed, 0.3)
-        axes.annotate("", (tip[0], tip[1]), (tail[0], tail[1]), arrowprops={"arrowstyle": "->", "color": "0.4"})
-        axes.text(tail[0], tail[1] - 0.45 * extent, f"drift {np.hypot(*drift):.0f} m/s", fontsize=8, color="0.4")
-    axes.set(xlim=(-extent, extent), ylim=(-extent, extent), aspect="equal", title=f"{tracks.time[index]:.0f} s")
-    axes.set_xticks([-tracks.radius, 0, tracks.radius], [f"{-tracks.radius:g}", "0", f"{tracks.radius:g} m"])
-    axes.set_yticks([-tracks.radius, 0, tracks.radius], ["", "", ""])
+            axes.plot(*here, "o", color=_color(member), ms=9)
+            axes.text(
+                here[0],
+                here[1],
+                str(member + 1),
+                color="white",
+                fontsize=6.5,
+                weight="bold",
+                ha="center",
+                va="center_baseline",
+            )
+    if is_first:
+        low = -0.93 * extent
+        axes.plot([low, low + tracks.radius], [low, low], color="0.3", lw=1.2)
+        axes.text(low, low, f"{tracks.radius:g} m", fontsize=7, color="0.3", va="bottom")
+        drift = np.array(tracks.drift[index])
+        if (speed := float(np.hypot(*drift))) > LEAST_DRIFT:
+            tail, tip = np.array([0.0, 0.35]) * extent, 0.5 * extent * drift / speed
+            arrow = {"arrowstyle": "->", "color": "0.4"}
+            axes.annotate("", (tail + tip / 2).tolist(), (tail - tip / 2).tolist(), arrowprops=arrow)
+            axes.text(0, -0.3 * extent, f"wind {speed:.0f} m/s", fontsize=7, color="0.4", ha="center")
+    axes.set(xlim=(-extent, extent), ylim=(-extent, extent), aspect="equal", xticks=[], yticks=[])
+    axes.set_title(f"{tracks.time[index]:.0f} s", fontsize=10)
+    axes.spines[:].set_visible(False)
 
 
 def _phases(axes: Axes, tracks: Tracks) -> None:
@@ -78,14 +95,16 @@ def _phases(axes: Axes, tracks: Tracks) -> None:
     for member in range(phases.shape[1]):
         relative = np.degrees(unwrapped[:, member] - mean)
         axes.plot(time, relative, color=_color(member), label=str(member + 1), lw=1.3)
-    axes.set(xlabel="time, s", ylabel="temporal phase minus the mean, deg", title="Phases of the members")
+    axes.set(xlabel="time, s", title="Phase in time less the mean, deg: an even fleet is level and evenly spaced")
+    axes.title.set_fontsize(10)
     axes.grid(alpha=0.3)
 
 
 def _gaps(axes: Axes, tracks: Tracks) -> None:
     """Draw the worst gap error over time."""
     errors = np.degrees(gap_errors(tracks))
-    axes.semilogy(tracks.time, np.maximum(errors, 0.1), color="0.2", lw=1.2)
+    axes.semilogy(tracks.time, np.maximum(errors, 0.5), color="0.2", lw=1.2)
     axes.axhline(5.0, color="#ee6677", ls="--", lw=1.0)
-    axes.set(xlabel="time, s", title="Worst gap error, deg (aim: 5)", ylim=(0.1, 400))
+    axes.set(xlabel="time, s", title="Worst gap error, deg (aim: 5)", ylim=(0.5, 400))
+    axes.title.set_fontsize(10)
     axes.grid(alpha=0.3, which="both")

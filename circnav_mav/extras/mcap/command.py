@@ -4,7 +4,7 @@ from pathlib import Path
 
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.foreign import open_file
-from circnav_mav.runlog.run_folder import RunError, open_run
+from circnav_mav.runlog.run_folder import Run, RunError, is_run, open_run
 
 MAGIC = b"\x89MCAP0\r\n"
 """First bytes of an MCAP file."""
@@ -17,19 +17,30 @@ def export_run(folder: str, mcap: str | None) -> int:
     path = Path(mcap) if mcap else Path(folder) / "flight.mcap"
     with refusing(path, RunError):
         _check_place(path)
-        run = open_run(Path(folder))
-        if not len(run.ticks.time):
-            raise Refused(f"{folder}: an empty run without records", Exit.NOTHING_RECEIVED)
+        runs = _runs(Path(folder))
+        for run in runs.values():
+            if not len(run.ticks.time):
+                raise Refused(f"{run.folder}: an empty run without records", Exit.NOTHING_RECEIVED)
         try:
             from circnav_mav.extras.mcap.export import export_mcap
 
-            counts = export_mcap(run, path)
+            counts = export_mcap(runs, path)
         except ImportError:
             raise Refused("export --mcap needs the extra [mcap]: pip install 'circnav-mav[mcap]'") from None
-    if run.damage_text is not None:
-        say(f"  WARNING    {run.damage_text}")
+    for run in runs.values():
+        if run.damage_text is not None:
+            say(f"  WARNING    {run.damage_text}")
     say(f"{path}: " + ", ".join(f"{count} messages on {topic}" for topic, count in counts.items()))
     return Exit.DONE
+
+
+def _runs(folder: Path) -> dict[str, Run]:
+    """Return the run in a folder, or those in its subfolders, by the prefix of their topics. Raises RunError, OSError.
+
+    A fleet folder holds one run folder for each vehicle.
+    """
+    parts = [] if is_run(folder) or not folder.is_dir() else sorted(filter(is_run, folder.iterdir()))
+    return {f"/{part.name}": open_run(part) for part in parts} or {"": open_run(folder)}
 
 
 def _check_place(path: Path) -> None:

@@ -11,7 +11,8 @@ from circnav_mav.cli.describe import command
     "--mcap", "mcap", is_flag=False, flag_value="", metavar="[FILE]", help="Write MCAP. [default: RUN/flight.mcap]"
 )
 def export() -> None:
-    """Convert RUN, a run folder, for Foxglove or PlotJuggler. The file holds ticks, truth and events.
+    """Convert RUN, a run folder, for Foxglove or PlotJuggler. The file holds ticks, truth and events. Of a fleet
+    folder, it holds all vehicles, with topics such as /01/ticks.
 
     \b
     Example:

@@ -8,7 +8,7 @@ Frame "beacon": x east, y north, z up, m; its origin is the beacon and moves wit
 import json
 import tomllib
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import cos, isfinite, pi, sin
 from pathlib import Path
 from typing import Annotated, Any
@@ -52,41 +52,54 @@ class Surveyed(BaseModel):
     time_s: Annotated[float, Field(ge=0, lt=LONGEST)]
 
 
-def export_mcap(run: Run, path: Path) -> dict[str, int]:
-    """Write the complete file or none. Return the number of messages per topic. Raises RunError, OSError."""
+def export_mcap(runs: Mapping[str, Run], path: Path) -> dict[str, int]:
+    """Write the complete file or none. Return the number of messages per topic. Raises RunError, OSError.
+
+    runs: by the prefix of their topics, which is empty for a single vehicle.
+    """
+    counts: Counter[str] = Counter()
+    with atomic_write(path.resolve()) as fresh, fresh.open("wb") as file:
+        writer = Writer(file)
+        first = next(iter(runs.values()))
+        writer.start(profile="", library=f"circnav {first.manifest.get('versions', {}).get('circnav', '')}".strip())
+        for prefix, run in runs.items():
+            counts += _add_run(writer, prefix, run)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return counts
+
+
+def _add_run(writer: Writer, prefix: str, run: Run) -> Counter[str]:
+    """Write the messages of one run. Return the number of messages per topic."""
     tables = {("/ticks", "circnav.Tick"): run.ticks}
     if run.truth is not None:
         columns = {name: getattr(run.truth, name) for name in TRUTH_COLUMNS}
         tables["/truth", "circnav.Truth"] = Ticks(columns, {})
     counts: Counter[str] = Counter()
-    with atomic_write(path.resolve()) as fresh, fresh.open("wb") as file:
-        writer = Writer(file)
-        writer.start(profile="", library=f"circnav {run.manifest.get('versions', {}).get('circnav', '')}".strip())
 
-        def add(channel: int, topic: str, moment: int, data: bytes) -> None:
-            writer.add_message(channel, moment, data, moment)
-            counts[topic] += 1
+    def add(channel: int, topic: str, moment: int, data: bytes) -> None:
+        writer.add_message(channel, moment, data, moment)
+        counts[topic] += 1
 
-        for (topic, name), table in tables.items():
-            kinds = dict.fromkeys(table.numbers, "number") | dict.fromkeys(table.words, "string")
-            schema = json.dumps({"type": "object", "properties": {key: {"type": kinds[key]} for key in kinds}})
-            schema_id = writer.register_schema(name, "jsonschema", schema.encode())
-            channel = writer.register_channel(topic, "json", schema_id)
-            for row in _tick_rows(table):
-                add(channel, topic, _ns(run, row["time"]), json.dumps(row).encode())
-        channels: dict[str, int] = {}
-        for topic, time, message in foxglove_messages(run):
-            if topic not in channels:
-                channels[topic] = writer.register_channel(topic, "protobuf", register_schema(writer, type(message)))
-            for stamped in getattr(message, "entities", [message]):
-                stamped.timestamp.FromNanoseconds(_ns(run, time))
-            add(channels[topic], topic, _ns(run, time), message.SerializeToString())
-        writer.add_metadata("manifest", {key: json.dumps(value) for key, value in run.manifest.items()})
-        writer.add_attachment(
-            create_time=run.epoch_us * 1000, log_time=run.epoch_us * 1000, name="mission.toml",
-            media_type="text/plain", data=run.mission_text.encode(),
-        )  # fmt: skip
-        writer.finish()  # type: ignore[no-untyped-call]
+    for (name, schema_name), table in tables.items():
+        topic, kinds = f"{prefix}{name}", dict.fromkeys(table.numbers, "number") | dict.fromkeys(table.words, "string")
+        schema = json.dumps({"type": "object", "properties": {key: {"type": kinds[key]} for key in kinds}})
+        schema_id = writer.register_schema(schema_name, "jsonschema", schema.encode())
+        channel = writer.register_channel(topic, "json", schema_id)
+        for row in _tick_rows(table):
+            add(channel, topic, _ns(run, row["time"]), json.dumps(row).encode())
+    channels: dict[str, int] = {}
+    for name, time, message in foxglove_messages(run):
+        topic = f"{prefix}{name}"
+        if topic not in channels:
+            channels[topic] = writer.register_channel(topic, "protobuf", register_schema(writer, type(message)))
+        for stamped in getattr(message, "entities", [message]):
+            stamped.timestamp.FromNanoseconds(_ns(run, time))
+        add(channels[topic], topic, _ns(run, time), message.SerializeToString())
+    writer.add_metadata(f"{prefix.lstrip('/')} manifest".strip(), {k: json.dumps(v) for k, v in run.manifest.items()})
+    writer.add_attachment(
+        create_time=run.epoch_us * 1000, log_time=run.epoch_us * 1000, name=f"{prefix}/mission.toml".lstrip("/"),
+        media_type="text/plain", data=run.mission_text.encode(),
+    )  # fmt: skip
     return counts
 
 

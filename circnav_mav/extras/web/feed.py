@@ -34,6 +34,8 @@ START_PATIENCE, STOP_PATIENCE = 10.0, 3.0
 """Timeouts for starting and ending the server's process, s. Chosen."""
 LONGEST_TEXT = 300
 """Maximum length of a text on the page, characters. Chosen: only external names are longer."""
+MOST_VEHICLES = 20
+"""Maximum number of other vehicles on the page: a line of the feed must fit into PIPE_BUF bytes."""
 NEEDED = ("starlette", "uvicorn")
 PAGE_SPEED = 6.0
 """Default speed of the bundled vehicle with the live page, times real time."""
@@ -64,7 +66,7 @@ class LivePage(Onlooker):
         missing = [package for package in NEEDED if importlib.util.find_spec(package) is None]
         if missing:
             raise WebError(f"--web needs the package {' and '.join(missing)}: pip install {' '.join(missing)}")
-        self._watch, self._settings = StatusSource(pilot, onlookers), pilot.settings
+        self._watch, self._settings, self._onlookers = StatusSource(pilot, onlookers), pilot.settings, onlookers
         self._period, self._due = speed / LINES_A_SECOND, 0.0
         self._receives_truth, self._truth = truth, b""
         self._place: tuple[float | None, float | None] = (None, None)
@@ -88,7 +90,9 @@ class LivePage(Onlooker):
         if place is not None and all(map(isfinite, place)):  # any sender may have made a frame with NaN
             self._place = place
         status, (east, north) = self._watch.status(newest, step.time, recording_problem), map(_plain, self._place)
-        self._queue_event({"kind": "tick", **_tick(status, self._settings), "east": east, "north": north})
+        others = self._onlookers.vehicles(step.time)[:MOST_VEHICLES]
+        tick = _tick(status, self._settings) | {"east": east, "north": north, "vehicles": _plain(others)}
+        self._queue_event({"kind": "tick", **tick})
         return ()
 
     def show_verdict(self, verdict: str) -> None:
@@ -195,6 +199,8 @@ def _tick(status: Status, settings: PilotSettings) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {name: _plain(part) for name, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(part) for part in value]
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, float):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from math import degrees
@@ -9,14 +10,15 @@ from math import degrees
 import numpy as np
 import pytest
 
-from circnav_mav.extras.fleet.flight import bare_fleet
-from circnav_mav.extras.fleet.metrics import figures
+from circnav_mav.extras.fleet.flight import SAMPLE_EVERY, bare_fleet
+from circnav_mav.extras.fleet.metrics import figures, gap_errors
 from circnav_mav.extras.fleet.report import State
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import Ending, Pilot
 from circnav_mav.runlog.loop_steps import recorded_steps
 from circnav_mav.runlog.replay import replay
 from tests.process import ROOT
+from tests.process import circnav as process_of
 
 COPTER, PLANE = ROOT / "config" / "arducopter.toml", ROOT / "config" / "arduplane.toml"
 NEAR = ("sim.start.north_m=45", "sim.start.east_m=-20")
@@ -24,48 +26,66 @@ NEAR = ("sim.start.north_m=45", "sim.start.east_m=-20")
 
 @pytest.fixture(scope="module")
 def three():
-    """Three copters. The operator takes member 2 over at 100 s. From 110 s on no member receives a report."""
-    takeover = ('sim.events=[{at_s=100.0, action="mode", mode="LOITER"}]',)
+    """Three copters. Member 3 arrives late. The operator takes member 2 over at 165 s. From 200 s on no member receives
+    a report."""
+    takeover = ('sim.events=[{at_s=165.0, action="mode", mode="LOITER"}]',)
+    far = ("sim.start.north_m=350", "sim.start.east_m=-20")
     flight = bare_fleet(
         COPTER,
         3,
-        (*NEAR, "limits.duration_s=150"),
-        lambda member: takeover if member == 2 else (),
+        (*NEAR, "limits.duration_s=225"),
+        lambda member: takeover if member == 2 else far if member == 3 else (),
     )
     seen = {}
 
     def watch(flight):
         now = flight.tracks.time[-1]
-        if now >= 110.0:
+        if now >= 200.0:
             flight.network.cut = {1, 2, 3}
-        for at in (98.0, 104.0):
+        for at in (163.0, 169.0):
             if at not in seen and now >= at:
                 seen[at] = [
-                    (m.fleet.state, m.fleet.adjusted, m.pilot.controller.orbit, m.fleet.facts(now), m.pilot.mission)
+                    (m.fleet.state, m.fleet.adjusted, m.fleet.facts(now)["fleet"], m.fleet.vehicles(now))
                     for m in flight.members
                 ]
 
     return flight.fly(watch=watch), seen
 
 
-def test_copters_are_even_with_estimated_drift_and_in_their_layers(three):
+def test_a_copter_that_joins_waits_outside_and_then_all_are_even_with_estimated_drift(three):
     flight, seen = three
-    adjusted = [one[1] for one in seen[98.0]]
-    assert all(state is State.ON_CIRCLE for state, *_ in seen[98.0])
-    assert max(abs(degrees(one.error)) for one in adjusted) < 5.0
-    found = figures(flight.tracks)
+    found, times = figures(flight.tracks), flight.tracks.time
+    lane = np.hypot(flight.tracks.east, flight.tracks.north)[np.array(times) < found.all_on_circle_s, 2]
+    assert lane.min() > 30.0 + 4.0
+    assert found.even_after_s < 60.0
+    assert all(state is State.ON_CIRCLE for state, *_ in seen[163.0])
+    assert max(abs(degrees(adjusted.error)) for _, adjusted, *_ in seen[163.0]) < 5.0
     assert found.smallest_vertical_m > 10.0
     assert found.too_near == 0
 
 
-def test_the_takeover_of_one_moves_no_other_and_closes_its_gap(three):
+def test_each_member_shows_its_gaps_and_the_places_of_the_others(three):
     flight, seen = three
-    one, two, three_ = seen[104.0]
+    for *_, words, others in seen[163.0]:
+        shown = re.search(r"3 of 3 members on the circle, gap (\d+) deg ahead, (\d+) behind", words)
+        assert [int(gap) for gap in shown.groups()] == pytest.approx([120, 120], abs=8)
+        assert len(others) == 2
+    k = round(163.0 / SAMPLE_EVERY)
+    place = next(one.place for one in seen[163.0][0][3] if one.name == "2")
+    true = flight.tracks.east[k][1], flight.tracks.north[k][1]
+    assert np.hypot(place[0] - true[0], place[1] - true[1]) < 5.0
+
+
+def test_the_takeover_of_one_moves_no_other_and_the_two_that_stay_are_even_again(three):
+    flight, seen = three
+    one, two, three_ = seen[169.0]
     assert two[0] is State.LEAVING
     assert flight.members[1].pilot.mission.outcome.ending is Ending.TAKEN_OVER
     for other in (one, three_):
         assert other[0] is State.ON_CIRCLE
         assert len(other[1].counted) == 2
+    errors, times = gap_errors(flight.tracks), np.array(flight.tracks.time)
+    assert np.degrees(errors[(times > 195.0) & (times < 200.0)].max()) < 10.0
     assert [m.pilot.mission.outcome.ending for m in flight.members] == [
         Ending.COMPLETED,
         Ending.TAKEN_OVER,
@@ -77,7 +97,7 @@ def test_without_reports_everyone_keeps_the_circle_of_its_mission(three):
     flight, _ = three
     time = np.array(flight.tracks.time)
     radius = np.hypot(flight.tracks.east, flight.tracks.north)
-    silent = (time > 122.0) & (time < 134.0)
+    silent = (time > 212.0) & (time < 222.0)
     assert np.abs(radius[silent][:, [0, 2]] - 30.0).max() < 1.0
     assert not any(member.onlookers.problems for member in flight.members)
 
@@ -124,6 +144,18 @@ def test_one_command_flies_a_fleet_and_every_member_replays_byte_for_byte(tmp_pa
         done = replay(Pilot(mission.pilot_settings()), steps)
         assert done.identical
         assert json.loads((folder / "summary.json").read_text())["desired_radius_m"] == 30.0
+
+
+def test_one_live_page_shows_all_members_their_places_and_their_gaps(browser, tmp_path):
+    options = ("--fleet", "2", "--web", "0", "--duration", "50", "--out", str(tmp_path / "fleet"))
+    with process_of("fly", "copter", *options) as flown:
+        said = next(line for line in flown.stdout if line.startswith("live page at "))
+        browser.open(said.split()[-1])
+        browser.until("/vehicle 2.*on circle, [23]\\d m high, \\d+ deg ahead/.test(document.body.innerText)")
+        browser.until("[...document.querySelectorAll('#track circle.now')].length === 1")
+        browser.until("/1 of 2|2 of 2 members on the circle/.test(document.body.innerText)")
+        browser.until("!document.getElementById('outcome').hidden")
+    assert not browser.complaints
 
 
 def test_a_flight_of_one_vehicle_imports_nothing_of_the_fleet_but_its_keys(tmp_path):

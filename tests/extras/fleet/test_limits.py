@@ -1,9 +1,12 @@
 """What `check` and `preflight` find out about a fleet before it flies."""
 
+from dataclasses import replace
 from math import nan
 
 import pytest
 
+from circnav_mav.cli.exits import Refused
+from circnav_mav.extras.fleet import listening
 from circnav_mav.extras.fleet.acceptance import Rejection
 from circnav_mav.extras.fleet.limits import spacing_settings
 from circnav_mav.extras.fleet.listening import judge_fleet
@@ -41,6 +44,24 @@ def test_a_vehicle_of_constant_airspeed_is_spaced_by_radius_and_a_copter_by_spee
     plane, copter = spacing_settings(mission(), 1), spacing_settings(mission(name="arducopter"), 1)
     assert (plane.by_speed, plane.trims_speed, copter.by_speed) == (False, False, True)
     assert spacing_settings(mission("bounds.min_range_m=140"), 1).most == pytest.approx(9 / 150)
+
+
+def test_a_flight_does_not_start_with_a_taken_id_or_layer_but_with_a_wrong_clock_elsewhere(monkeypatch):
+    own = mission("orbit.height_above_target_m=60")
+    other = MemberReport(0, 2, State.ON_CIRCLE, 0.0, 1.0, 0.01, 40.0, 100.0, 75.0, 1, (0.0, 0.0), (1.0, 0.0, 1.0))
+
+    def listen(height, rejected):
+        found = {2: replace(other, height=height)}, rejected, ["fleet link: clocks disagree"]
+        monkeypatch.setattr(listening, "_listen", lambda table, seconds: found)
+
+    listen(75.0, {Rejection.CLOCKS_DISAGREE: 9})
+    listening.refuse_taken(own, table_of(own))
+    listen(62.0, {})
+    with pytest.raises(Refused, match="members 1 and 2 are 2 m apart in height"):
+        listening.refuse_taken(own, table_of(own))
+    listen(75.0, {Rejection.SAME_ID: 2})
+    with pytest.raises(Refused, match="the id 1 is taken"):
+        listening.refuse_taken(own, table_of(own))
 
 
 def test_layers_below_15_m_are_refused_with_the_key():

@@ -61,6 +61,16 @@ def test_ticks_truth_and_events_come_back_at_the_times_of_the_flight(exported, r
     assert {("phase", "engaged"), ("mode", "GUIDED"), ("circnav message", "engaged, 100 m clockwise")} <= set(log)
 
 
+def test_a_fleet_folder_becomes_one_file_with_all_vehicles(circnav, flown, tmp_path):
+    for member in ("01", "02"):
+        shutil.copytree(flown, tmp_path / "fleet" / member)
+    assert circnav("export", tmp_path / "fleet", "--mcap").done
+    with (tmp_path / "fleet" / "flight.mcap").open("rb") as file:
+        summary = reader.make_reader(file).get_summary()
+    topics = {channel.topic for channel in summary.channels.values()}
+    assert topics == {f"/{member}{topic}" for member in ("01", "02") for topic in OURS | set(FOXGLOVE) - {"/fix"}}
+
+
 def test_the_mission_and_the_manifest_travel_along_and_a_place_that_cannot_be_written_is_named(
     circnav, flown, tmp_path
 ):

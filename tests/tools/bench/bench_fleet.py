@@ -1,29 +1,32 @@
 """Table of the fleet: evenness, separation and radius of whole fleets on the emulated plane and copter.
 
     python -m tests.tools.bench.bench_fleet --flights 3 --rows plane-6 plane-6-wind
+    python -m tests.tools.bench.bench_fleet --flights 5 --study --keep study.jsonl --minutes 5
 
 The members have the product's noisy sensors and estimate the drift. Compass biases have 2 deg standard deviation, the
-planes' airspeeds 2 %. A flight takes about 12 s of processor time for each member and 200 s. `--keep FILE` adds every
-flight to a file of JSON lines and skips those that it holds.
+planes' airspeeds 2 %. The study changes one condition of six planes at a time. A flight takes about 9 s of processor
+time for each member and 200 s. `--keep FILE` adds every flight to a file of JSON lines and skips those that it holds.
 """
 
 import argparse
 import json
 import sys
+import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import inf
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import numpy as np
 
-from circnav_mav.extras.fleet.flight import SAMPLE_EVERY, bare_fleet
-from circnav_mav.extras.fleet.metrics import even_from, figures, gap_errors
+from circnav_mav.extras.fleet.evenness import even_from
+from circnav_mav.extras.fleet.flight import bare_fleet
+from circnav_mav.extras.fleet.metrics import figures, gap_errors
 from circnav_mav.extras.fleet.report import State
 
 CONFIG = Path(__file__).parents[3] / "config"
-COMPASS_SIGMA_DEG, AIRSPEED_SIGMA = 2.0, 0.02
 PLANE = (
     *("vehicle.speed_mps=15", "sim.vehicle.cruise_speed_mps=15.0", "sim.start.speed_mps=15.0", "orbit.radius_m=100"),
     *("sim.start.north_m=160", "sim.start.east_m=-80"),
@@ -35,13 +38,17 @@ LEAVER, JOINER = 3, 6
 
 @dataclass(frozen=True)
 class Row:
-    """Conditions of one row. event: "leave" or "join" of one member."""
+    """Conditions of one row. loss: share of reports. delay: of reports, s. compass: standard deviation of the biases,
+    deg. airspeed: standard deviation of the airspeeds, as a share. event: "leave" or "join" of one member. duration: s.
+    """
 
     mission: str
     size: int
     overrides: tuple[str, ...]
     loss: float = 0.0
     delay: float = 0.0
+    compass: float = 2.0
+    airspeed: float = 0.02
     event: str = ""
     duration: float = 170.0
 
@@ -59,12 +66,22 @@ ROWS = {
     "copter-1": Row("arducopter", 1, COPTER, duration=150.0),
     "copter-4": Row("arducopter", 4, COPTER),
 }
+SIX = Row("arduplane", 6, PLANE)
+STUDY = {
+    **{f"wind-{wind}": replace(SIX, overrides=(*PLANE, f"sim.wind.speed_mps={wind}")) for wind in (0, 2.5, 5, 7.5)},
+    **{f"loss-{loss}": replace(SIX, loss=loss) for loss in (0.3, 0.6, 0.9)},
+    **{f"delay-{delay}": replace(SIX, delay=delay) for delay in (0.1, 0.2, 0.4)},
+    **{f"compass-{compass}": replace(SIX, compass=compass) for compass in (0, 1, 4)},
+    **{f"airspeed-{airspeed}": replace(SIX, airspeed=airspeed) for airspeed in (0, 0.01, 0.04)},
+    **{f"size-{size}": replace(SIX, size=size) for size in (2, 3, 10)},
+}
+"""Rows that change one condition of six planes in calm air. Reports that are more than 0.5 s late are rejected."""
 
 
 def fly(row: Row, seed: int) -> dict[str, Any]:
     """Fly one fleet and return its figures."""
     rng = np.random.default_rng(seed)
-    compass, speeds = COMPASS_SIGMA_DEG * rng.normal(size=row.size), 1 + AIRSPEED_SIGMA * rng.normal(size=row.size)
+    compass, speeds = row.compass * rng.normal(size=row.size), 1 + row.airspeed * rng.normal(size=row.size)
 
     def each(member: int) -> list[str]:
         found = [f"sim.sensors.heading_bias_deg={compass[member - 1]:.3f}"]
@@ -87,8 +104,9 @@ def fly(row: Row, seed: int) -> dict[str, Any]:
     if row.event == "leave":
         states = [row_[LEAVER - 1] for row_ in flight.tracks.state]
         first = next((k for k, s in enumerate(states) if s is State.LEAVING), None)
-        even = None if first is None else even_from(gap_errors(flight.tracks), first + 1)
-        found["even_again_s"] = None if even is None or first is None else round((even - first) * SAMPLE_EVERY, 1)
+        times = flight.tracks.time
+        even = None if first is None else even_from(times, gap_errors(flight.tracks), times[first + 1])
+        found["even_again_s"] = None if even is None or first is None else round(even - times[first], 1)
     return found
 
 
@@ -108,7 +126,7 @@ def table(flights: Sequence[dict[str, Any]]) -> str:
         "| row | flights | even, s | again, s | worst gap, deg | radius rms, m | spread, m | beside, m | too near |"
     ]
     lines.append("|---|---|---|---|---|---|---|---|---|")
-    for name in ROWS:
+    for name in (*ROWS, *STUDY):
         rows = [one for one in flights if one["row"] == name]
         if rows:
             near = sum(one["too_near"] for one in rows)
@@ -121,16 +139,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--flights", type=int, default=3, help="of each row")
     parser.add_argument("--first", type=int, default=1, help="seed of the first")
-    parser.add_argument("--rows", nargs="*", choices=[*ROWS], default=[*ROWS])
+    parser.add_argument("--rows", nargs="*", choices=[*ROWS, *STUDY], help="[all of the table]")
+    parser.add_argument("--study", action="store_true", help="fly the rows of the study instead")
     parser.add_argument("--keep", type=Path, help="file of JSON lines")
+    parser.add_argument("--minutes", type=float, default=inf, help="start no flight after this time")
     given = parser.parse_args()
+    until = time.monotonic() + 60 * given.minutes
     kept = given.keep.read_text().splitlines() if given.keep and given.keep.exists() else []
     flights = [json.loads(line) for line in kept]
-    for name in given.rows:
-        for seed in range(given.first, given.first + given.flights):
-            if any((one["row"], one["seed"]) == (name, seed) for one in flights):
+    # Seed by seed: a table that is interrupted has all rows.
+    for seed in range(given.first, given.first + given.flights):
+        for name in given.rows or (STUDY if given.study else ROWS):
+            if any((one["row"], one["seed"]) == (name, seed) for one in flights) or time.monotonic() > until:
                 continue
-            flights.append({"row": name, "seed": seed, **fly(ROWS[name], seed)})
+            flights.append({"row": name, "seed": seed, **fly((ROWS | STUDY)[name], seed)})
             print(json.dumps(flights[-1]), file=sys.stderr, flush=True)
             if given.keep:
                 with given.keep.open("a") as file:

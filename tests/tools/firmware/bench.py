@@ -14,7 +14,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import cos, degrees, radians
 from pathlib import Path
 from typing import Any, Protocol
@@ -28,13 +28,18 @@ BRING_UP_PATIENCE = 300.0
 ACCEPTED, IN_PROGRESS = 0, 5
 
 
+def _unix_time() -> float:
+    return time.time()
+
+
 class NoFlightError(Exception):
     """The vehicle never came up: no flight, and nothing said about circnav."""
 
 
 @dataclass(frozen=True)
 class Truth:
-    """The simulator's own state. Metres from where it was first seen, altitude above the sea, radians."""
+    """The simulator's own state. Metres from where it was first seen, altitude above the sea, radians. wall: Unix time
+    of its receipt, s, which several vehicles share."""
 
     time: float
     north: float
@@ -46,6 +51,7 @@ class Truth:
     roll: float
     yaw: float
     airspeed: float
+    wall: float = field(default_factory=_unix_time)
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ class Vehicle:
 
 VEHICLES = {
     "plane": Vehicle(BEHIND_ARDUPILOT, "plane", "arduplane", 150.0, 22.0, 80.0, 240.0),
+    "home": Vehicle(BEHIND_ARDUPILOT, "plane", "home", 100.0, 15.0, 80.0, 400.0),
     "copter": Vehicle(BEHIND_ARDUPILOT, "copter", "arducopter", 30.0, 5.0, 20.0, 200.0),
     "rover": Vehicle(BEHIND_ARDUPILOT, "rover", "ardurover", 20.0, 3.0, 0.0, 200.0),
     "px4_copter": Vehicle(BEHIND_PX4, "copter", "px4_copter", 50.0, 5.0, 20.0, 300.0),
@@ -35,6 +36,7 @@ VEHICLES = {
 PRESETS = {
     "uwb": {"noise": 0.02, "drift": 0.15, "drift_s": 3.0, "rate": 20.0},
     "lora": {"noise": 1.0, "drift": 2.0, "drift_s": 5.0, "rate": 10.0, "loss": 0.1},
+    "sx1280": {"noise": 1.0, "drift": 2.0, "drift_s": 5.0, "rate": 2.0, "loss": 0.1, "sx1280": True},
 }
 
 
@@ -73,6 +75,10 @@ class Flight:
     # the target
     start_range: float | None = _option(None, "of the target, m [2.5 radii]")
     start_bearing: float = _option(70.0, "degrees right of the nose")
+    target_at: tuple[float, float] | None = _option(
+        None, "the target, m north and east of where the vehicle was first seen, instead", nargs=2,
+        metavar=("NORTH", "EAST"),
+    )  # fmt: skip
     target_speed: float = _option(0.0, "m/s")
     target_course: float = _option(0.0, "degrees")
     target_height: float = _option(0.0, "m above home")
@@ -85,6 +91,8 @@ class Flight:
     outlier_size: float = _option(30.0, "by up to, m")
     loss: float = _option(0.0, "share of ranges that are lost")
     second_anchor: float = _option(0.0, "m east of the target: a second DISTANCE_SENSOR id of the same radio")
+    sx1280: bool = _option(False, "its error over the range, and NAMED_VALUE_FLOAT, which carries any range")
+    silent_after: float | None = _option(None, "the beacon stops T s after the start of circnav", metavar="T")
     delay: float = _option(0.0, "s from measuring to sending; the stamp is that of sending")
     # how it is run
     station: int = _option(0, "UDP port here of a ground station that gets a link of its own (ArduPilot)")

@@ -17,10 +17,11 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import asdict, astuple, fields
 from datetime import datetime
 from itertools import pairwise
-from math import atan2, degrees, hypot, radians, tan
+from math import atan2, cos, degrees, hypot, radians, sin, tan
 from pathlib import Path
 from typing import Any
 
@@ -34,10 +35,13 @@ from tests.tools.firmware.flight import BEHIND_ARDUPILOT, Flight, add_options, f
 from tests.tools.firmware.radio import UP, Radio
 from tests.tools.firmware.score import score
 from tests.tools.firmware.wire import LOOPBACK, G
+from tests.tools.straight_way import straight_way
 
 ENGAGE_PATIENCE = 90.0
 """Time, s, in which circnav must have engaged."""
 LEAVE_PATIENCE = 30.0
+HOME = 150.0
+"""Distance from the beacon, m, that counts as home."""
 SLOWEST = 2.0
 """Real over simulated time at which a flight is given up, whatever its clock says."""
 
@@ -95,6 +99,7 @@ def _flown(flown: Flight, bench: Bench, folder: Path) -> dict[str, Any]:
         **figures.plain(),
         "own": {} if flown.baseline else own_verdict(folder / "circnav", flown.window),
         "own_position": own_position(flown, bench, began, ended),
+        "homing": homing(flown, bench.track, radio.target, engaged, ended),
         "takeover": _after_takeover(flown, bench, began),
         "modes": [(round(at - engaged, 1), mode) for at, mode in bench.modes if at > began - 5],
         "texts": [(round(at - engaged, 1), text) for at, text in bench.texts if at > began - 5][:30],
@@ -136,7 +141,8 @@ def write_mission(flown: Flight, path: Path, port: int, target_altitude: float) 
     mission["vehicle"]["speed_mps"] = flown.speed
     mission["orbit"]["radius_m"] = flown.radius
     mission["orbit"]["direction"] = flown.direction
-    mission["orbit"].pop("height_above_target_m", None)
+    for key in ("height_above_target_m", "target_above_home_m"):
+        mission["orbit"].pop(key, None)
     mission["orbit"]["target_altitude_m"] = round(target_altitude, 1)
     sigma = hypot(flown.noise, flown.drift)
     mission["ranging"] |= {"rate_hz": flown.rate, "sigma_m": sigma, "orientation": UP, "component_id": 192}
@@ -211,6 +217,27 @@ def _after_takeover(flown: Flight, bench: Bench, began: float) -> dict[str, Any]
         "shown_s": None if shown is None else round(shown - asked, 2),
         "after_shown": None if shown is None else sum(at > shown for at in late),
     }
+
+
+def homing(
+    flown: Flight, track: list[Truth], target: Callable[[float], tuple[float, float]], engaged: float, ended: float
+) -> dict[str, float] | None:
+    """Of the mission `home`: times from the engagement to within HOME of the beacon, s: flown, and by the straight way
+    in this wind; and the largest distance after that, m."""
+    if flown.what.mission != "home":
+        return None
+    way = [one for one in track if engaged <= one.time <= ended]
+    away = np.array([hypot(one.north - target(one.time)[0], one.east - target(one.time)[1]) for one in way])
+    if not (near := np.flatnonzero(away <= HOME)).size:
+        return {"nearest": round(float(away.min()), 1)}
+    start, towards = way[0], radians(flown.wind_from + 180.0)
+    wind = flown.wind * cos(towards), flown.wind * sin(towards)
+    airspeed = hypot(start.v_north - wind[0], start.v_east - wind[1])
+    north, east = target(engaged)
+    straight = straight_way((north - start.north, east - start.east), wind, airspeed, HOME)
+    took = way[near[0]].time - engaged
+    figures = {"home": took, "straight": straight, "ratio": took / straight, "farthest": float(away[near[0] :].max())}
+    return {name: round(value, 2) for name, value in figures.items()}
 
 
 def own_position(flown: Flight, bench: Bench, began: float, ended: float) -> dict[str, Any] | None:
@@ -355,6 +382,8 @@ def line(result: dict[str, Any]) -> str:
         words.append(
             f"given {position['given'] or 'nothing'}, in the end it circles {position['circles_off_home']} m off home"
         )
+    if homing := result.get("homing"):
+        words.append("way home: " + ", ".join(f"{name} {value:g}" for name, value in homing.items()))
     if result["takeover"]:
         words.append(f"{result['takeover']['after_shown']} setpoints after the takeover was shown")
     words.append(f"x{result['real_speedup']:.2f}")

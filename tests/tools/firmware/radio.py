@@ -13,6 +13,9 @@ UP = 24
 FROM_OUTSIDE = 2.5
 """Radii from the target where nothing else is said."""
 LONGEST_CM, UNKNOWN_COVARIANCE, SENSOR_ID = 65000, 255, 7
+SX1280 = np.array([(0.0, 4.4), (50.0, 57.6), (100.0, 103.0), (150.0, 148.0), (200.0, 201.0), (250.0, 253.0)])
+"""True and reported range, m, as measured. The last line goes on beyond."""
+NAME = b"RANGE"
 
 
 class Radio:
@@ -28,7 +31,7 @@ class Radio:
         here, bearing = bench.truth, bench.truth.yaw + radians(self._flight.start_bearing)
         self._began = here.time
         away = self._flight.start_range or FROM_OUTSIDE * self._flight.radius
-        self.stand(here.north + away * cos(bearing), here.east + away * sin(bearing))
+        self.stand(*self._flight.target_at or (here.north + away * cos(bearing), here.east + away * sin(bearing)))
 
     def stand(self, north: float, east: float) -> None:
         """Put the target's start there."""
@@ -45,7 +48,8 @@ class Radio:
         if truth.time >= self._next:
             self._next = max(self._next + period, truth.time - period)
             measured = self._measured(truth, period)
-            if self._random.random() < flight.loss:
+            silent = flight.silent_after is not None and truth.time - self._began > flight.silent_after
+            if self._random.random() < flight.loss or silent:
                 self.lost += 1
             else:
                 self._waiting.append((truth.time + flight.delay, truth.time, measured))
@@ -65,6 +69,7 @@ class Radio:
             self._wander = keep * self._wander + flight.drift * sqrt(1 - keep * keep) * draw()
         north, east = self.target(truth.time)
         slant = hypot(truth.north - north, truth.east - east, truth.altitude - self.altitude)
+        slant = reported(slant) if flight.sx1280 else slant
         slant += self._wander + flight.noise * draw()
         if self._random.random() < flight.outliers:
             slant += flight.outlier_size * self._random.random() * (1 if self._random.random() < 0.8 else -1)
@@ -72,6 +77,10 @@ class Radio:
 
     def _send(self, stamp: float, measured: float, sensor: int = SENSOR_ID) -> None:
         self.sent += 1
+        if self._flight.sx1280:
+            named = mavlink.MAVLink_named_value_float_message(round(stamp * 1000), NAME, measured)
+            self._bench.send(named, self._bench.radio)
+            return
         centimetres = round(measured * 100)
         quality = 100 if centimetres <= LONGEST_CM else 1
         message = mavlink.MAVLink_distance_sensor_message(
@@ -79,3 +88,10 @@ class Radio:
             UP, UNKNOWN_COVARIANCE, 0.0, 0.0, (0.0,) * 4, quality,
         )  # fmt: skip
         self._bench.send(message, self._bench.radio)
+
+
+def reported(true: float) -> float:
+    """What an SX1280 reports of a range, m, without noise."""
+    at = min(max(int(np.searchsorted(SX1280[:, 0], true, side="right")) - 1, 0), len(SX1280) - 2)
+    (x0, y0), (x1, y1) = SX1280[at : at + 2]
+    return float(y0 + (true - x0) * (y1 - y0) / (x1 - x0))

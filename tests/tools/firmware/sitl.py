@@ -19,6 +19,8 @@ HOME = "-35.363261,149.165230,584,353"
 POSITION_KNOWN = 0x13
 """EKF_STATUS_REPORT: attitude, horizontal velocity, absolute horizontal position."""
 TAKEOFF = 13
+STOCK_CRUISE = 22.0
+"""AIRSPEED_CRUISE of the stock plane, m/s."""
 GUIDED = {"plane": 15, "copter": 4, "rover": 15}
 HOLDING = {"plane": 12, "copter": 17, "rover": 4}
 CIRCLE = {"copter": 7, "rover": 9}
@@ -112,7 +114,7 @@ class ArduPilot(Firmware):
 
     def _chosen(self) -> list[str]:
         flight, chosen = self._flight, []
-        if self._kind == "plane" and (flight.speed, flight.airspeed_off) != (flight.what.speed, 1.0):
+        if self._kind == "plane" and (flight.speed, flight.airspeed_off) != (STOCK_CRUISE, 1.0):
             chosen.append(f"AIRSPEED_CRUISE={flight.speed * flight.airspeed_off}")
         if flight.roll_limit is not None:
             chosen.append(f"ROLL_LIMIT_DEG={flight.roll_limit}")

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from tests.tools.firmware import table
+from tests.tools.firmware import fleet, table
 from tests.tools.firmware.bench import Reported, Truth
 from tests.tools.firmware.flight import VEHICLES, Flight
-from tests.tools.firmware.fly import fly, missing, own_position
+from tests.tools.firmware.fly import fly, homing, missing, own_position
+from tests.tools.firmware.radio import reported
 from tests.tools.firmware.score import score
 from tests.tools.firmware.wire import Setpoint, frames, mode_shown, setpoint
 
@@ -56,6 +57,26 @@ def test_a_circle_two_metres_wide_is_kept_and_settled_when_it_reaches_the_band(c
     assert (told.kept, told.settled, told.turn_sd) == (False, None, None), "round another place"
 
 
+@pytest.mark.parametrize("wind", [0.0, 5.0])
+def test_a_fleet_is_even_if_its_vehicles_pass_each_bearing_at_equal_intervals(wind: float) -> None:
+    grid = np.arange(0.0, 120.0, 0.2)
+    rate = 22.0 / 150.0
+
+    def member(number: int, lag: float, height: float) -> fleet.Member:
+        phase = rate * (grid - lag)
+        angle = phase + wind / 22.0 * np.sin(phase)  # slower on one side
+        ring = np.ones(len(grid), bool)
+        return fleet.Member(number, 150 * np.cos(angle), 150 * np.sin(angle), grid * 0 + height, angle, ring)
+
+    lap = 2 * pi / rate
+    members = [member(i, i * lap / 3, 100.0 + 20 * i) for i in range(3)]
+    found = fleet.judge(grid, members, 150.0)
+    assert found["rings"][0]["worst_gap_deg"] < 0.2
+    assert (found["rings"][0]["even_after_s"], found["too_near"], found["smallest_above_m"]) == (0.0, 0, 20.0)
+    late = [*members[:2], member(2, 2 * lap / 3 + lap / 36, 140.0)]
+    assert np.nanmedian(fleet.gap_errors(grid, late)) == pytest.approx(10.0, abs=0.2)
+
+
 def test_the_autopilots_own_position_is_judged_on_the_circle_and_on_the_way_home_by_its_own_stamps(
     tmp_path: Path,
 ) -> None:
@@ -79,6 +100,20 @@ def test_the_autopilots_own_position_is_judged_on_the_circle_and_on_the_way_home
     assert circle["velocity_step"] == pytest.approx(0.4, abs=0.05) and way["velocity_step"] < 0.05
     assert (way["median"], way["p95"], way["heading"]) == pytest.approx((50.0, 50.0, 3.0), abs=0.05)
     assert found["circles_off_home"] == pytest.approx(hypot(*SITTING), abs=0.5)
+
+
+def test_an_sx1280_reports_its_measured_error_and_the_last_line_goes_on() -> None:
+    assert [reported(true) for true in (0.0, 50.0, 75.0, 250.0)] == pytest.approx([4.4, 57.6, 80.3, 253.0])
+    assert reported(2000.0) == pytest.approx(253.0 + 1750.0 * 52.0 / 50.0)
+
+
+def test_the_way_home_of_a_flight_is_compared_with_the_straight_way() -> None:
+    flight = replace(PLANE, vehicle="home")
+    track = straight_in_and_round(flight, 140.0, clockwise=True, seconds=60.0)
+    found = homing(flight, track, lambda _: SITTING, 0.0, 60.0)
+    assert found is not None
+    assert (found["home"], found["straight"]) == pytest.approx((225.0 / 22.0, 225.0 / 22.0), abs=0.1)
+    assert found["farthest"] <= 150.0
 
 
 def test_what_a_setpoint_commands_is_clockwise_positive() -> None:

@@ -1,0 +1,70 @@
+"""Home by one beacon: `config/home.toml`, the SX1280's error and rate, wind of a third of V, GPS lost 2 km out."""
+
+from math import hypot
+
+import pytest
+from circnav_sim.vehicle import Truth
+
+from circnav_mav.mission.load import load_mission
+from circnav_mav.pilot import Ending, Phase
+from tests.flight.lockstep import CONFIG, Flight, true_radius
+from tests.tools.bench.bench_home import HOME, fly, prepared
+from tests.tools.straight_way import straight_way
+
+STOPS = 'sim.events=[{{at_s=1.0, action="gps_off"}}, {{at_s={}, action="mute_ranging"}}]'.format
+STALE, HOLD = 3.0, 60.0
+"""`limits.stale_s` and `limits.hold_s` of the mission, s."""
+
+
+def test_the_straight_way_is_flown_with_the_nose_held_into_the_wind() -> None:
+    assert straight_way((100.0, 0.0), (0.0, 0.0), 20.0) == pytest.approx(5.0)
+    assert straight_way((100.0, 0.0), (-5.0, 0.0), 20.0, short_of=40.0) == pytest.approx(60.0 / 15.0)
+    assert straight_way((0.0, -100.0), (12.0, 0.0), 20.0) == pytest.approx(100.0 / 16.0)
+
+
+def test_the_radio_of_the_bundled_vehicle_has_the_error_that_the_mission_removes() -> None:
+    mission = load_mission(CONFIG / "home.toml", ())
+    assert mission.file.sim is not None and mission.file.ranging.points_m is not None
+    assert [list(point) for point in mission.file.ranging.points_m] == mission.file.sim["ranging"]["table_m"]
+
+
+@pytest.mark.parametrize("seed", [3, 11])
+def test_a_plane_that_lost_its_gps_flies_straight_home_and_circles_in_sight(seed: int) -> None:
+    """Seed 3 starts on a heading away from the beacon, with a headwind on the way."""
+    flown = fly(seed)
+    assert flown.came
+    assert flown.ratio < 1.3
+    assert flown.rms < 10.0
+
+
+def lost(seed: int, at: float, away: float) -> tuple[Flight, list[Truth], float]:
+    """A flight whose beacon stops at a time, s, until its end, with its track from then on and the time of the
+    alarm."""
+    flown, _ = prepared(seed, STOPS(at), away=away)
+    alarmed: list[float] = []
+
+    def watch(now: Flight) -> None:
+        if not alarmed and "holding" in now.pilot.conditions.alarms:
+            alarmed.append(now.now)
+
+    flown.fly(at + STALE + HOLD + 30.0, watch)
+    return flown, [truth for truth in flown.truths if truth.time > at], alarmed[0]
+
+
+def test_a_beacon_that_stops_is_alarmed_within_five_seconds_and_the_circle_is_held_by_drift_until_the_exit() -> None:
+    flown, since, alarmed = lost(11, 120.0, 500.0)
+    assert alarmed - 120.0 < 5.0
+    assert flown.outcome.ending is Ending.ABORTED
+    assert flown.outcome.reason == f"no range for {HOLD:.1f} s"
+    held = [truth for truth in since if truth.time < 120.0 + HOLD]
+    assert max(map(true_radius, held)) < HOME, "by drift: the wind alone would have carried it 300 m away"
+    assert flown.vehicle.truth.mode == flown.pilot.session.adapter.exits["loiter"]
+
+
+def test_a_beacon_that_stops_on_the_way_is_waited_for_on_a_circle_where_the_plane_is() -> None:
+    flown, since, alarmed = lost(11, 60.0, 2000.0)
+    assert alarmed - 60.0 < 5.0
+    held = [truth for truth in since if alarmed < truth.time < 60.0 + HOLD]
+    first = held[0]
+    assert max(hypot(one.north - first.north, one.east - first.east) for one in held) < 3 * 100.0
+    assert flown.pilot.mission.phase is Phase.ENDED
