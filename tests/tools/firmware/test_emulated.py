@@ -1,22 +1,20 @@
-"""The emulator flies as truly as the firmware did: docs/firmware.md has the firmware's figures."""
+"""The emulator flies as truly as the firmware did, by the flights that are kept in flights.jsonl."""
 
-import re
-from statistics import mean
+from statistics import mean, median
 
 import pytest
 
-from tests.process import ROOT
 from tests.tools.firmware.emulated import fly
+from tests.tools.firmware.table import FLIGHTS, told
 
-PAGE = (ROOT / "docs" / "firmware.md").read_text()
+KEPT = told(FLIGHTS)
 
 
 @pytest.mark.parametrize("row", ["Plane, wind 8", "PX4 copter, wind 3", "PX4 plane by stick, wind 2"])
 def test_a_flight_of_the_emulator_is_as_true_as_the_firmwares(row: str) -> None:
-    """Within a factor of two, for it is one lap of two seeds each."""
-    found = re.search(rf"^\| {re.escape(row)} \| ([\d.]+), [\d.]+ \| ([\d.]+), [\d.]+ \|", PAGE, re.MULTILINE)
-    assert found is not None
-    rms, turn_sd = map(float, found.groups())
+    """Within a factor of two: one lap of two seeds each."""
+    real = [one for (name, _), one in KEPT.items() if name == row]
+    rms, turn_sd = (median(one[key] for one in real) for key in ("rms", "turn_sd"))
     flown = [fly(row, seed, direction="counterclockwise", count=1) for seed in (1, 2)]
     assert all(one.right for one in flown)
     assert rms / 2 < mean(one.rms for one in flown) < rms * 2

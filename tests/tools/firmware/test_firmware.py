@@ -167,8 +167,9 @@ def test_the_table_flies_only_what_is_missing_and_tells_the_median(
         assert len(flown) == flights
     assert all(command[3:8] == ["plane", "--wind", "5", "--turbulence", "1"] for command in flown)
     lines = list(table.table([row], table.told(tmp_path / "results.jsonl")))
-    assert "0.20 (0.10 to 0.30)" in lines[1]
-    assert "| 2 of 3 | 10, 2 of 3; truth disagrees in 1 | 0.81 |" in lines[1]
+    assert "| 0.20 (0.5) | 0.10 to 0.30 | 3.0 (4) | 10 |" in lines[1]
+    assert "3 flights. 2 kept the circle" in lines[2] and "agreed with the true track in 2. Closest" in lines[2]
+    assert "Closest approach: 0.81 R." in lines[2]
 
 
 def test_the_table_of_the_page_is_that_of_the_flights_that_are_kept(tmp_path: Path) -> None:
