@@ -123,7 +123,7 @@ def _run_folder(out: str | None, mission: Mission) -> Path:
     with refusing(own):
         for name in RECORDED:
             if (folder / name).exists():
-                raise Refused(f"--out {out}: already holds {name}, name another folder")
+                raise Refused(f"--out {out}: holds {name} already, name another folder")
         if own.exists() and read_text(own) != mission.text:
             raise Refused(f"--out {out}: holds another mission.toml, name another folder")
     return folder

@@ -203,4 +203,4 @@ def _claimed(path: Path) -> IO[bytes]:
         lock(file)
         return file
     except FileExistsError:
-        raise TakenError(f"{path.parent}: already holds {path.name}, name another folder") from None
+        raise TakenError(f"{path.parent}: holds {path.name} already, name another folder") from None

@@ -145,7 +145,7 @@ def steering(out):
 
 @pytest.mark.parametrize(
     ("message", "says"),
-    [("ranging_beacon", "0 ranges of ranging_beacon taken"), ("named_value_float", "0 ranges of named_value_float")],
+    [("ranging_beacon", "0 ranges of ranging_beacon accepted"), ("named_value_float", "0 ranges of named_value_float")],
 )
 def test_a_log_without_the_ranging_of_the_mission_says_what_is_missing_and_what_is_there(
     replay, records, message, says

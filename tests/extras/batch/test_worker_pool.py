@@ -117,6 +117,6 @@ def test_the_cells_of_the_benchmark_come_in_their_order_and_the_rest_is_dropped(
     told, calm = [], next(iter(SITUATIONS))
     began = time.monotonic()
     with pytest.raises(BrokenPipeError):
-        bench.run([(calm, "pd"), (calm, "smooth"), *[(calm, "auto")] * 100], flights=2, tell=tell, cores=2)
+        bench.run([(calm, "pd"), (calm, "smooth"), *[(calm, "auto")] * 100], flights=2, report=tell, cores=2)
     assert [line.split()[1] for line in told] == ["pd", "smooth"]
     assert time.monotonic() - began < PATIENCE

@@ -141,10 +141,10 @@ class Row:
 
 
 ROWS = [
-    Row("noise", lambda air: [b"\xfd" * 90, b"", b"GET / HTTP/1.1\r\n\r\n"], R.MALFORMED, "not whole"),
-    Row("half a frame", half, R.MALFORMED, "not whole"),
-    Row("two frames in one datagram", two_in_one, R.MALFORMED, "not whole"),
-    Row("a datagram of 60 kB", lambda air: [bytes(60_000)], R.MALFORMED, "not whole"),
+    Row("noise", lambda air: [b"\xfd" * 90, b"", b"GET / HTTP/1.1\r\n\r\n"], R.MALFORMED, "not complete"),
+    Row("half a frame", half, R.MALFORMED, "not complete"),
+    Row("two frames in one datagram", two_in_one, R.MALFORMED, "not complete"),
+    Row("a datagram of 60 kB", lambda air: [bytes(60_000)], R.MALFORMED, "not complete"),
     Row("heartbeat of an autopilot", heartbeat, R.OTHER_MESSAGE, ""),
     Row("command to an autopilot", takeover, R.OTHER_MESSAGE, ""),
     Row("another version of the format", other_version, R.OTHER_MESSAGE, ""),

@@ -80,7 +80,7 @@ def test_the_takeover_of_one_moves_no_other_and_the_two_that_stay_are_even_again
     flight, seen = three
     one, two, three_ = seen[169.0]
     assert two[0] is State.LEAVING
-    assert flight.members[1].pilot.mission.outcome.ending is Ending.ABORTED
+    assert flight.members[1].pilot.mission.outcome.ending is Ending.TAKEN_OVER
     for other in (one, three_):
         assert other[0] is State.ON_CIRCLE
         assert len(other[1].counted) == 2
@@ -88,7 +88,7 @@ def test_the_takeover_of_one_moves_no_other_and_the_two_that_stay_are_even_again
     assert np.degrees(errors[(times > 195.0) & (times < 200.0)].max()) < 10.0
     assert [m.pilot.mission.outcome.ending for m in flight.members] == [
         Ending.COMPLETED,
-        Ending.ABORTED,
+        Ending.TAKEN_OVER,
         Ending.COMPLETED,
     ]
 

@@ -41,7 +41,7 @@ Keys = tuple[bytes | None, bytes | None]
 """The signing keys of the application and of the vehicle."""
 
 
-class Spy:
+class SampleRecorder:
     """Stands before the estimator and notes what is taken in: each sample once, none older than the last."""
 
     def __init__(self, estimator: Any) -> None:
@@ -108,7 +108,7 @@ class Course:
         if before is not None and self.signing is not None:
             self.signing.resume(before.timestamp)
         self.pilot = Pilot(self._settings, self.signing)
-        self.spy = Spy(self.pilot.tracker.estimator)
+        self.spy = SampleRecorder(self.pilot.tracker.estimator)
         self.pilot.tracker.estimator = self.spy  # type: ignore[assignment]
 
     def restart(self) -> None:
