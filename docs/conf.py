@@ -14,5 +14,3 @@ html_theme = "furo"
 html_title = "circnav"
 html_show_sphinx = False
 html_copy_source = False
-html_static_path = ["site.css"]
-html_css_files = ["site.css"]
