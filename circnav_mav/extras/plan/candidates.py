@@ -26,7 +26,7 @@ WIDEST = 4.0
 """Largest candidate in units of the smallest, if the site does not limit it."""
 GUSTS = 2.0
 """Gusts, in standard deviations, that are added to the wind."""
-JUDGED = frozenset({"gain", "turn rate", "drift", "margin", "reach", "height", "range rate", "sampling", "damping"})
+JUDGED = frozenset({"gain", "turn rate", "drift", "margin", "reach", "height", "rate error", "sampling", "damping"})
 """Check lines that depend on the circle or the radio."""
 
 

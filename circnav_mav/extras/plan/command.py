@@ -108,7 +108,8 @@ def _row(one: Candidate, best: Candidate) -> str:
     bank = "-" if one.bank is None else f"{one.bank:.0f}"
     most = "-" if one.most_wind is None else f"{one.most_wind:.1f}"
     place = "-" if one.place is None else f"{one.place:.2f}"
-    checks = ("WARN " + ", ".join(one.problems)) if one.problems else "pass"
+    more = f" +{len(one.problems) - 1}" if len(one.problems) > 1 else ""
+    checks = f"{one.problems[0]}{more}" if one.problems else "pass"
     return (
         f"{'>' if one is best else ' '} {one.radius:6g} {one.lap:5.0f} {bank:>5} {one.turn:6.1f} "
         f"{100 * one.used:5.0f} {most:>8} {one.rms:5.2f} {place:>6} {one.flight / 60:7.1f}  {checks}"

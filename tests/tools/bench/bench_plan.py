@@ -34,7 +34,7 @@ from tests.flight.lockstep import CONFIG
 
 WINDOW, SETTLING = 240.0, 60.0
 """Time that is judged, and time before it to reach the circle, s."""
-STRICT = ("turn rate", "drift", "margin", "range rate", "sampling", "gain")
+STRICT = ("turn rate", "drift", "margin", "rate error", "sampling", "gain")
 """Check lines that must pass."""
 WITHIN = 0.3
 """Largest error of the plan, as a share of its figure."""
