@@ -105,7 +105,7 @@ def test_the_printed_commands_run(page, circnav, undrawn, tmp_path, monkeypatch,
     "command", dict.fromkeys(command for _, command in KEPT if command.startswith("circnav")), ids=str
 )
 def test_a_printed_command_that_is_not_run_here_has_the_words_that_circnav_takes(command, circnav, tmp_path):
-    for name in ("my.toml", "vehicle.toml"):
+    for name in ("my.toml", "vehicle.toml", "home.toml"):
         (tmp_path / name).write_bytes((ROOT / "config" / "quickstart.toml").read_bytes())
     named, rest = cli, shlex.split(command)[1:]
     while isinstance(named, click.Group):
