@@ -51,4 +51,4 @@ def test_a_simulator_without_a_radio_gets_one(profile: str, monkeypatch: pytest.
     assert {subject: lines[subject].grade for subject in ("ranging", "noise", "stamps")} == {
         "ranging": Grade.PASS, "noise": Grade.PASS, "stamps": Grade.PASS,
     }  # fmt: skip
-    assert float(lines["distance"].says.split()[0]) == pytest.approx((50**2 + 15**2) ** 0.5, abs=4.0)  # drift, noise
+    assert float(lines["distance"].text.split()[0]) == pytest.approx((50**2 + 15**2) ** 0.5, abs=4.0)  # drift, noise
