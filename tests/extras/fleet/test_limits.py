@@ -60,7 +60,7 @@ def test_a_flight_does_not_start_with_a_taken_id_or_layer_but_with_a_wrong_clock
     with pytest.raises(Refused, match="members 1 and 2 are 2 m apart in height"):
         listening.refuse_taken(own, table_of(own))
     listen(75.0, {Rejection.SAME_ID: 2})
-    with pytest.raises(Refused, match="the id 1 is taken"):
+    with pytest.raises(Refused, match="the id 1 is in use"):
         listening.refuse_taken(own, table_of(own))
 
 
