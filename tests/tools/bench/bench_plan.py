@@ -37,7 +37,7 @@ WINDOW, SETTLING = 240.0, 60.0
 STRICT = ("turn rate", "drift", "margin", "rate error", "sampling", "gain")
 """Check lines that must pass."""
 WITHIN = 0.3
-"""Largest error of the plan, as a share of its figure."""
+"""Largest error of the plan, as a share of the flown figure."""
 SPEEDS = {"arduplane": (15.0, 27.0), "arducopter": (3.0, 8.0), "ardurover": (1.5, 5.0)}
 SHARES = {"arduplane": 0.45, "arducopter": 0.4, "ardurover": 0.15}
 MOST_TRIED = 200
