@@ -1,4 +1,4 @@
-"""One flight as data: which vehicle, which weather, which radio; and its options on the command line."""
+"""Data of one flight (vehicle, weather, radio), and its command line options."""
 
 import argparse
 import sys
@@ -13,7 +13,7 @@ BEHIND_ARDUPILOT, BEHIND_PX4 = "ardupilot", "px4"
 
 @dataclass(frozen=True)
 class Vehicle:
-    """What is flown, and how unless the options say otherwise. SI; altitude above home, duration from engaging."""
+    """Default conditions of a vehicle, in SI units; altitude above home, duration from engaging."""
 
     firmware: str
     kind: str
@@ -41,13 +41,14 @@ PRESETS = {
 
 
 def _option(default: object, told: str = "", **how: object) -> Any:
-    """A field with its default and how it is said on the command line."""
+    """Return a field with its default and its help text on the command line."""
     return field(default=default, metadata={"help": told, **how})
 
 
 @dataclass(frozen=True)
 class Flight:
-    """Metres, seconds, m/s; angles in degrees as the operator gives them. A field is an option of the command line."""
+    """Conditions of one flight, each an option on the command line: m, s, m/s; angles in degrees, as an operator enters
+    them."""
 
     vehicle: str
     radius: float
@@ -112,12 +113,12 @@ class Flight:
 
     @property
     def window(self) -> float:
-        """Time that is scored, s: the last two laps."""
+        """Scored time, s: the last two laps."""
         return 2 * 2 * pi * self.radius / self.speed
 
     @property
     def title(self) -> str:
-        """The vehicle and whatever is not as usual."""
+        """The vehicle and all options that differ from the defaults."""
         usual = {f.name: f.default for f in fields(self)}
         usual |= {name: getattr(self.what, name) for name in OF_THE_VEHICLE}
         hidden = {"vehicle", "circnav", "config"}
@@ -134,11 +135,11 @@ def _told(name: str, value: object) -> str:
 
 
 OF_THE_VEHICLE = {"radius": "m", "speed": "m/s", "altitude": "m above home", "duration": "s after engaging"}
-"""Fields that are the vehicle's own unless said otherwise."""
+"""Fields with a default of each vehicle."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """What a flight can be told."""
+    """Add the options of a flight."""
     parser.add_argument("vehicle", choices=VEHICLES)
     for name, told in OF_THE_VEHICLE.items():
         parser.add_argument(f"--{name}", type=float, help=told)
@@ -155,7 +156,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def flight(options: argparse.Namespace) -> Flight:
-    """The flight that the options name; a preset overrules single options of the radio."""
+    """Return the flight of the options. A preset overrides single options of the radio."""
     given = {f.name: getattr(options, f.name) for f in fields(Flight)}
     for name in OF_THE_VEHICLE:
         given[name] = getattr(VEHICLES[options.vehicle], name) if given[name] is None else given[name]
@@ -164,5 +165,5 @@ def flight(options: argparse.Namespace) -> Flight:
 
 
 def circle_rate(flight: Flight) -> float:
-    """Of the nose on the circle, deg/s, clockwise positive."""
+    """Return the turn rate of the nose on the circle, deg/s, positive clockwise."""
     return degrees(flight.speed / flight.radius) * (1 if flight.clockwise else -1)

@@ -25,7 +25,7 @@ def outage(seconds: float, way: str, **more: Any) -> Scenario:
 
 
 def engages_only_when_the_link_is_quick(course: Course) -> str | None:
-    """Options for a delay that lasts for FRESH_PATIENCE: the flight must not begin during it."""
+    """Return a fault if the flight began during the delay, which lasts for FRESH_PATIENCE."""
     at = course.pilot.mission.engaged_at
     return f"engaged after {at:.1f} s over a slow link" if at is not None and at < FRESH_PATIENCE else None
 
