@@ -165,7 +165,7 @@ def test_px4_copter_holds_its_height_although_zero_climb_rate_does_not() -> None
 
 
 def test_px4_copter_is_believed_to_follow_a_command_that_swings_through_zero() -> None:
-    """It answers within 0.5 s. With the configured response time of 1.3 s it was classified as not following: its path
-    was ignored, and the search for the target restarted on its circle."""
+    """It answers within 0.5 s. With the configured 1.3 s it was classified as not following: its path was ignored, and
+    the search for the target restarted on its circle."""
     flown = flight("px4_copter", "sim.wind.speed_mps=3.0", "sim.seed=4", law="auto").fly(90)
     assert {tick.law for tick in flown.ticks if tick.time > 40} == {"drift"}

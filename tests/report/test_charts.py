@@ -124,7 +124,7 @@ def test_takeovers_outages_changes_of_law_and_alarms_are_marked_and_waiting_befo
 
 
 def test_a_takeover_that_ends_the_flight_is_marked_as_one_and_not_twice_where_its_phase_shows_it_already():
-    """By default the phase goes from engaged to ended. The text of the event decides, on the link and the live page."""
+    """The phase usually goes from engaged to ended. The text of the event decides, on the link and the live page."""
     ended = {"phase": [(0, 3, "ready"), (3, 9, "engaged"), (9, 10, "ended")]}
     for words in ("taken over, GUIDED left for LOITER", "ABORTED: taken over, vehicle disarmed"):
         marks = script("Charts.marks(bands, [[9, words]])", bands=ended, words=words)

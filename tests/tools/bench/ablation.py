@@ -141,7 +141,7 @@ def answering(off: Function, function: Function) -> Function:
 
 @contextmanager
 def noted(acted: set[str]) -> Iterator[None]:
-    """Fly with all layers and note those whose answers differ from the answers without them."""
+    """Fly with all layers and record each layer that changes a result."""
 
     def compare(layer: Layer, function: Function) -> Function:
         def compared(*given: Any, **named: Any) -> Any:

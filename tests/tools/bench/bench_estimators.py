@@ -1,4 +1,4 @@
-"""python -m tests.tools.bench.bench_estimators: processor time of one estimator step on this machine."""
+"""python -m tests.tools.bench.bench_estimators: time of an estimator step on this machine."""
 
 import time
 from collections.abc import Callable

@@ -40,8 +40,8 @@ LEAVER, JOINER = 3, 6
 @dataclass(frozen=True)
 class Row:
     """Conditions of one row. loss: share of lost reports. delay: of reports, s. compass: standard deviation of the
-    biases, deg. airspeed: standard deviation of the airspeeds, as a share. event: "leave" or "join" of one member.
-    duration: s."""
+    compass biases, deg. airspeed: standard deviation as a share. event: "leave" or "join" of one member. duration:
+    s."""
 
     mission: str
     size: int

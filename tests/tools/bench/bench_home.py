@@ -10,9 +10,9 @@ end it prints the share that came home, and quantiles.
     home       time from the engagement to within 150 m, s
     ratio      home over straight
     farthest   largest distance from the beacon in the two laps after that, m
-    nearest    the smallest one, m
-    rms        of the radius error over the second lap, m
-    away       how much farther than at the engagement the plane ever was, m
+    nearest    smallest distance from the beacon in these laps, m
+    rms        radius error over the second lap, m
+    away       largest distance from the beacon less the distance at the engagement, m
 """
 
 import argparse

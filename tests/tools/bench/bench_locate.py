@@ -3,10 +3,10 @@
     python -m tests.tools.bench.bench_locate --flights 200
 
 One row per situation. Beyond GPS: error less the mean error of the reported positions over the same time, 95th
-percentile. Band: share of flights whose squared error in units of the stated covariance (NEES) lies in its 95 % band.
-Bound: the Cramer-Rao bound of ranges alone, the positions taken as true, over the tracks as flown: 95th percentile of
-the horizontal error and of the height's. The GPS error wanders by 1.5 m with 60 s, while the localization assumes 1.5 m
-and 100 s; wind 5 m/s with gusts of 1 m/s.
+percentile. Band: share of flights with a squared error in units of the stated covariance (NEES) within its 95 % band.
+Bound: the Cramer-Rao bound of ranges alone, the positions taken as true, over the tracks as flown: 95th percentiles of
+horizontal error and height error. The GPS error wanders by 1.5 m with 60 s, while the localization assumes 1.5 m and
+100 s; wind 5 m/s with gusts of 1 m/s.
 """
 
 import argparse

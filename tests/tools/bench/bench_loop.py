@@ -3,13 +3,13 @@
     python -m tests.tools.bench.bench_loop [--seconds 120]
 
 1. Range datagram in to setpoint datagram out over UDP. `circnav fly` under `auto` and `smooth`, each in a separate
-process, and a minimal pymavlink loop receive the recorded quickstart flight in real time, in turn: attitudes,
-accelerations, airspeed, heartbeats and ranges at the rates that circnav requests. TIMESYNC requests are answered. Aim:
-at most 12 (`auto`) and 6 (`smooth`) times the median of the bare loop. 2. The same with ranges at 20 Hz and ATTITUDE at
-25 Hz, each law alone on a quarter of one core: a control group grants 2.5 ms in 10 ms. Aim: 99 % within half a tick, 25
-ms. Needs the right to make a control group (root). 3. Cost of a range and of a tick between the bytes and the setpoint,
-without sockets, and the processor time of 600 s of flight, in lockstep with the vehicle (whose time is included) and
-without it.
+   process, and a minimal pymavlink loop receive the recorded quickstart flight in real time, in turn: attitudes,
+   accelerations, airspeed, heartbeats and ranges at the rates that circnav requests. TIMESYNC requests are answered.
+   Aim: at most 12 (`auto`) and 6 (`smooth`) times the median of the bare loop.
+2. The same with ranges at 20 Hz and ATTITUDE at 25 Hz, each law alone on a quarter of one core: a control group grants
+   2.5 ms in 10 ms. Aim: 99 % within half a tick, 25 ms. Requires the right to make a control group (root).
+3. Cost of a range and of a tick between the bytes and the setpoint, without sockets, and the processor time of 600 s of
+   flight, in lockstep with the vehicle (whose time is included) and without it.
 """
 
 import argparse

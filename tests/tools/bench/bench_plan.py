@@ -6,8 +6,8 @@
 A mission is drawn from its number: vehicle, speed, radius, wind, gusts, and noise and rate of the radio. A draw that
 `circnav check` does not pass is drawn again. A flight appends one line to the file, so that an interrupted run resumes.
 
-radius RMS: of the true radius over the last WINDOW seconds. Survey: the standard deviation that `circnav locate` states
-for these seconds, and its error.
+Radius RMS: true radius over the last WINDOW seconds. Survey: standard deviation stated by `circnav locate` for these
+seconds, and its error.
 """
 
 import argparse

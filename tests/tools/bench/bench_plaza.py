@@ -3,11 +3,11 @@
     pip install -e '.[survey-bench]'
     python -m tests.tools.bench.bench_plaza
 
-Plaza 1 and 2 (Djugash and Singh, Carnegie Mellon University): a robot mower with an RTK receiver and a radio whose
-ranges are 7 % long, four surveyed beacons each. The data come in the `gtsam` wheel. Each method gets the ranges of one
-beacon as they were measured and the true path of the mower; the height is that of the path. All but the first row,
-GTSAM's own range factor, have a bias and a scale of the radio as states. All start without a prior of the place.
-Sigma: along the long axis of the stated covariance. Inside: beacons in the 95 % ellipse.
+Plaza 1 and 2 (Djugash and Singh, Carnegie Mellon University): a robot mower with an RTK receiver and a radio that
+measures 7 % too far, with four surveyed beacons each. The data come in the `gtsam` wheel. Each method gets the measured
+ranges of one beacon and the true path of the mower. The beacon is at the height of the path. All but the first row,
+GTSAM's own range factor, have a bias and a scale of the radio as states. All start without a prior of the place. Sigma:
+along the long axis of the stated covariance. Inside: beacons in the 95 % ellipse.
 """
 
 import argparse

@@ -2,7 +2,7 @@
 
 time to the first heartbeat of `circnav fly`, cost of `check`, memory in flight.
 
-Processor times beside that of importing numpy and pymavlink's dialect, in the same run, in turn. The flight is the
+Processor times beside the time to import numpy and pymavlink's dialect, in the same run, in turn. The flight is the
 quickstart's in real time. Its memory is the resident memory while it steers, with all threads. Prints figures without
 asserting.
 """

@@ -42,7 +42,7 @@ class Scenario:
     """One fault at one level.
 
     up, down: impairments of the link. arrange: other faults, applied at the start; receives the seed. lasts, after:
-    time with the fault and time after it, s. reason: text that the outcome must contain. rejects: rejection reasons
+    time with the fault and time after it, s. reason: required text of the outcome. rejects: rejection reasons
     that must be counted. blind: part of the range age that cannot be measured, s. clocks: True if timestamps are
     changed, so that they give no age. fresh: True if the fault begins with the mission, not on the circle. on:
     exceptions from `want`, by profile. keys: signing keys, ours and the vehicle's. reported: text that the operator

@@ -259,9 +259,9 @@ class Course:
         self.worst_age = max(self.worst_age, self.now - self.spy.newest.stamp)
 
     def _judge_holding(self, record: TickRecord) -> None:
-        """Check the turn rate without ranges: V/r_d, or, if the drift is known, a turn rate that occurs on the circle
-        in this drift. The tolerance of 0.1 V/r_d covers the airspeed error. V: the configured speed, and with known
-        drift also the actual one (PX4's copter loses 8 % of its speed in the turn)."""
+        """Check the turn rate without ranges: V/r_d, or, if the drift is estimated, a turn rate that occurs on the
+        circle in this drift. The tolerance of 0.1 V/r_d covers the airspeed error. V: the configured speed, and with an
+        estimated drift also the actual one (PX4's copter loses 8 % of its speed in the turn)."""
         V, drift, slack = self.allowed.speed, 0.0, 1e-6
         slow = fast = V
         if self._drift is not None:

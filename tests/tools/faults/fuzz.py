@@ -223,7 +223,7 @@ def corpus_of(target: Target) -> list[bytes]:
 
 
 def hostile(target: Target, make: Hostile, chance: Random, wanted: int) -> Iterator[bytes]:
-    """Yield `wanted` hostile datagrams, made from the current frames of the good vehicle."""
+    """Yield a number of hostile datagrams, made from the current frames of the good vehicle."""
     for n in range(wanted):
         if n % FRESH == 0:
             corpus = corpus_of(target)

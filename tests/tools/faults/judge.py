@@ -42,7 +42,7 @@ def is_heartbeat(frame: bytes) -> bool:
 
 
 def is_safe(frame: bytes) -> bool:
-    """True if a setpoint commands no turn: stand still, or wings level. It may hold a height."""
+    """True if a setpoint commands no turn: no motion, or wings level. It may hold a height."""
     message = read(frame)
     if message.get_msgId() == 84:
         return bool(message.vx == 0 and message.vy == 0 and message.yaw_rate == 0)

@@ -1,8 +1,8 @@
 """python -m tests.tools.faults.soak [--hours 10] [--law smooth] [--profile arducopter]: a long flight of `circnav fly`.
 
-The installed command in a separate process, with the bundled vehicle in lockstep. The 32-bit milliseconds
-since boot of the autopilot and those of the ranging radio wrap on the way. Prints one line for each hour: the circle by
-the simulator's truth, the gaps between setpoints, and the memory of the process.
+The installed command in a separate process, with the bundled vehicle in lockstep. The 32-bit milliseconds since boot of
+the autopilot and of the ranging radio wrap during the flight. Prints one line for each hour: the circle by the
+simulator's truth, the gaps between setpoints, and the memory of the process.
 """
 
 import argparse

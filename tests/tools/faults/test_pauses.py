@@ -59,7 +59,7 @@ def test_a_link_that_turns_slow_while_it_is_silent_is_no_clock_that_stood_still(
 
 @pytest.mark.parametrize(("lag", "most"), [(0.35, 1), (0.45, 2), (0.48, 2)])
 def test_ranges_that_come_at_an_age_near_stale_do_not_start_and_stop_the_steering(lag: float, most: int) -> None:
-    """A vehicle whose link has become slow: the newest range is just fresh when it arrives, and just stale before the
+    """The vehicle's link has become slow: the newest range is just fresh when it arrives, and just stale before the
     next one."""
     rig, phases = Rig().run(15.0), list[Phase]()
     assert rig.pilot.mission.phase is Phase.ENGAGED

@@ -9,7 +9,7 @@ radius, and standard deviation of the turn command. Last in each line the same f
 delay, which keep 6 dB and 45 deg of margin (tests/guidance/test_margins.py).
 
 **LoRa-like ranges** (`told`): radius error of ArduPilot's plane over the last two laps of 150 s on the circle. It is
-the Cramer-Rao bound with place, steady wind and airspeed scale unknown, for errors of the own motion, which make the
+the Cramer-Rao bound with unknown place, steady wind and airspeed scale. Errors of the vehicle's own motion make the
 drift wander.
 
 **A bank limit** (`squeezed`): the lap with the least radius error, for a plane in wind that turns no faster than its

@@ -1,4 +1,4 @@
-"""Data of one flight (vehicle, weather, radio), and its command line options."""
+"""Data of one flight (vehicle, weather, radio), and its options on the command line."""
 
 import argparse
 import sys
@@ -47,8 +47,7 @@ def _option(default: object, told: str = "", **how: object) -> Any:
 
 @dataclass(frozen=True)
 class Flight:
-    """Conditions of one flight, each an option on the command line: m, s, m/s; angles in degrees, as an operator enters
-    them."""
+    """Conditions of one flight, each an option on the command line: m, s, m/s; angles in degrees."""
 
     vehicle: str
     radius: float

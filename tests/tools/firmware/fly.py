@@ -130,8 +130,8 @@ def _start_circnav(flown: Flight, bench: Bench, folder: Path, home: float) -> fl
 
 
 def write_mission(flown: Flight, path: Path, port: int, target_altitude: float) -> dict[str, Any]:
-    """Write the vehicle's mission file as an operator would fill it in. The height of the beacon is known (m above sea
-    level, to 0.1 m)."""
+    """Write the vehicle's mission file as an operator would fill it in. The operator has the height of the beacon, m
+    above sea level, to 0.1 m."""
     mission = tomlkit.parse((Path(flown.config) / f"{flown.what.mission}.toml").read_text())
     mission.pop("sim", None)
     mission["link"]["endpoint"] = f"udpin:{LOOPBACK}:{port}"
@@ -242,8 +242,7 @@ def homing(
 
 def own_position(flown: Flight, bench: Bench, began: float, ended: float) -> dict[str, Any] | None:
     """Return the error of the autopilot's own position from 10 s after the loss of its GPS, on the circle and on the
-    way home; the smallest distance from home (its first position), m; and the distance from home of the center of its
-    last circle, m."""
+    way home; its smallest distance from home, m; and the distance from home of the center of its last circle, m."""
     if flown.gps_off is None:
         return None
     lost = began + flown.gps_off + 10.0

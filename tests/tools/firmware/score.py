@@ -119,7 +119,7 @@ def score(
 
 
 def _settled(time: np.ndarray, outside: np.ndarray) -> float | None:
-    """Return the time of the last error outside the band, or None if it lies in the last third."""
+    """Return the time of the last error outside the band, s, or None if it is in the last third of the flight."""
     last = float(time[outside][-1]) if outside.any() else 0.0
     return last if last < time[-1] * 2 / 3 else None
 

@@ -3,7 +3,7 @@
 Each constant of a module with its value, unit and origin; for those of guidance and pilot the effect at half and at
 double: relative change of radius RMS (last 40 s) and of the turn command's standard deviation (whole flight) in two
 lockstep flights of the emulator. FILE keeps a line for each constant and factor, which is not flown again. A run ends
-after T seconds. `--write` writes docs/constants.md; effects that FILE lacks are kept as the page has them.
+after T seconds. `--write` writes docs/constants.md; for an effect that FILE lacks, the page keeps its value.
 """
 
 import argparse
@@ -33,7 +33,7 @@ FIRST = (
     "turn_gain", "turn_response", "turn_monitor", "vector_field", "step", "watches", "side_slip", "lap_plan",
     "controller",
 )  # fmt: skip
-"""Modules whose constants are flown first: they act on the turn rate."""
+"""Modules with the constants that are flown first, because they act on the turn rate."""
 FACTORS = 0.5, 2.0
 NONE = 0.01
 """Relative change below which a constant has no effect."""
@@ -74,7 +74,7 @@ class Constant:
 
     @property
     def key(self) -> str:
-        """Name of the constant in the results, whatever folder holds it."""
+        """Name of the constant in the results, independent of its folder."""
         return f"{Path(self.module).stem}.{self.name}={self.value}"
 
 
@@ -110,7 +110,7 @@ def assigned(statement: ast.stmt) -> Iterator[tuple[str, ast.expr]]:
 
 
 def fills_in(statement: ast.stmt) -> bool:
-    """True for `A[...] = ...`, which stands between an array and its docstring."""
+    """True for `A[...] = ...`, which may come between an array and its docstring."""
     return isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Subscript)
 
 

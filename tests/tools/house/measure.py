@@ -128,7 +128,7 @@ def _add(count: Count, path: Path, tree: ast.Module, unknown: set[str]) -> None:
 
 
 def _aliases_of_any(tree: ast.Module) -> Iterator[str]:
-    """Yield names that stand for Any, as in `Array = Any`."""
+    """Yield aliases of Any, as in `Array = Any`."""
     for node in tree.body:
         if isinstance(node, ast.Assign) and isinstance(node.value, ast.Name) and node.value.id == "Any":
             yield from (target.id for target in node.targets if isinstance(target, ast.Name))

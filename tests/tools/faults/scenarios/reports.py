@@ -1,4 +1,4 @@
-"""F29: the vehicle's reports of its own motion are missing, not finite, or jump."""
+"""F29: the vehicle's reports about its motion are missing, not finite, or jump."""
 
 from collections.abc import Callable
 from math import nan, pi, remainder
