@@ -91,7 +91,7 @@ def test_the_printed_driver_is_heard_under_the_printed_mission_lines(tmp_path, p
     overrides = [word for key, value in lines for word in ("--set", f"ranging.{key}={value}")]
     radio = subprocess.Popen([sys.executable, str(driver)])
     try:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:  # until it sends
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:  # wait until the driver sends
             wire.bind(("127.0.0.1", port))
             wire.settimeout(PATIENCE)
             wire.recv(1000)
@@ -116,7 +116,7 @@ def module():
 
     def answer() -> None:
         received = b""
-        with suppress(OSError):  # until the test closes the line
+        with suppress(OSError):  # raised when the test closes the line
             while data := os.read(ours, 1000):
                 *questions, received = (received + data).split(b"\r\n")
                 os.write(ours, ANSWER * questions.count(b"AT+ANCHOR_SEND=DAVID123,4,RNGE"))

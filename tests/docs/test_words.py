@@ -1,4 +1,4 @@
-"""The language of docstrings, names, messages and pages, as far as a few lines can check it.
+"""Simple checks of the language of docstrings, names, messages and pages.
 
 The rules are in CONTRIBUTING.md.
 """

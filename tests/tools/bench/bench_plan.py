@@ -33,7 +33,7 @@ from tests.extras.locate.flown import Surveyed, surveyed
 from tests.flight.lockstep import CONFIG
 
 WINDOW, SETTLING = 240.0, 60.0
-"""Time that is judged, and time before it to reach the circle, s."""
+"""Judged time, and time before it to reach the circle, s."""
 STRICT = ("turn rate", "drift", "margin", "rate error", "sampling", "gain")
 """Check lines that must pass."""
 WITHIN = 0.3

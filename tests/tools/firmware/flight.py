@@ -61,7 +61,7 @@ class Flight:
     handback: bool = _option(False, "handback.enabled, and positions shown: with --gps-off")
     home_s: float = _option(0.0, "exit action rtl, and T s more on the way home", metavar="T")
     home_away: float = _option(0.0, "home is so far north of the take-off (ArduPilot)", metavar="M")
-    # weather and what goes wrong
+    # weather and faults
     wind: float = _option(0.0, "m/s")
     wind_from: float = _option(270.0, "degrees")
     turbulence: float = _option(0.0, "m/s, standard deviation (ArduPilot)")
@@ -94,7 +94,7 @@ class Flight:
     sx1280: bool = _option(False, "its error over the range, and NAMED_VALUE_FLOAT, which carries any range")
     silent_after: float | None = _option(None, "the beacon stops T s after the start of circnav", metavar="T")
     delay: float = _option(0.0, "s from measuring to sending; the stamp is that of sending")
-    # how it is run
+    # conditions of the run
     station: int = _option(0, "UDP port here of a ground station that gets a link of its own (ArduPilot)")
     speedup: float = _option(1.0, "simulated over real time; only 1 gives figures that count")
     param: tuple[str, ...] = _option((), "of the autopilot, before take-off", metavar="NAME=VALUE")

@@ -1,4 +1,4 @@
-"""MAVLink frames on loopback sockets: cutting datagrams into frames, and what a setpoint commands."""
+"""MAVLink frames on loopback sockets: split datagrams into frames, and read the command in a setpoint."""
 
 import socket
 from collections.abc import Iterator
