@@ -56,7 +56,8 @@ def test_wind_is_not_taken_for_drag_and_without_a_tilt_the_drag_stays_a_bare_qua
 
 
 def test_a_copter_handed_over_hovering_is_known_to_fly_slower_than_told_until_it_has_got_to_speed():
-    """Straight on without drag and feedforward, the loop 1.8 + 0.4/s brings v to 0.8 V in 1/1.8 ln 5 = 0.9 s or more."""
+    """Straight on, without drag and feedforward, the loop 1.8 + 0.4/s takes at least 1/1.8 ln 5 = 0.9 s to bring v
+    to 0.8 V."""
     motion, speeds = CopterMotion(drag=0.0), []
     for i in range(100):
         motion, _ = motion.follow(OwnMotion(i * STEP, 0.5, 0.0, V), LOOP)

@@ -1,4 +1,4 @@
-"""`check`: each line's grade turns where its bound stands. Numbers by hand at V = 15 m/s, r_d = 100 m."""
+"""`check`: the grade of each line changes at its documented bound. Numbers by hand at V = 15 m/s, r_d = 100 m."""
 
 import re
 from math import degrees
@@ -97,7 +97,7 @@ SENT_TYPES = [
      "steady radius 10.987 m, desired 10 m; set guidance.correct_radius = true to correct it"),
     ("radius", "orbit.radius_m=10.0 guidance.gain=0.01 vehicle.speed_mps=1.0", PASS,
      "steady radius 10.000 m, desired 10 m"),
-    # 9.80665 tan(45 deg)/15 = 37.46 deg/s, of which a plane that slips reaches .72
+    # 9.80665 tan(45 deg)/15 = 37.46 deg/s, of which a plane that slips reaches 0.72
     ("turn rate", " ".join([*PLANE, "vehicle.max_turn_rate_deg_s=90"]), PASS,
      "the circle needs 8.59 deg/s of the vehicle's 26.97 deg/s (32 %, must stay below 100 %): turn gain 0.72 "
      "at a command of 37.46 deg/s"),
@@ -172,7 +172,7 @@ def test_nothing_is_said_where_there_is_nothing_to_say(mission, subject, overrid
 
 
 def test_keys_of_an_earlier_version_load_without_effect_and_are_named_in_one_line(mission):
-    """Old mission files keep flying, and their owner learns what is used instead."""
+    """Old mission files keep flying, and the output names the keys that replace the old ones."""
     line = only(mission, "keys", "vehicle.loops.max_pitch_deg=11.0", "guidance.gate_sigma=4.0", "limits.hold_s=10.0")
     assert line.grade is WARN
     assert line.text == (
@@ -186,13 +186,13 @@ def test_keys_of_an_earlier_version_load_without_effect_and_are_named_in_one_lin
     ("gain", "trim", "told"), [(0.0117, 0.05, [WARN]), (0.0118, 0.05, []), (0.0117, 0.0, []), (0.0099, 0.05, [])]
 )
 def test_a_gain_that_does_not_do_for_the_whole_trim_of_the_radius_is_told(mission, gain, trim, told):
-    """A trim of 15 % leaves 85 m: 1/r_d = 0.01176. One that does not do for 100 m is told as that."""
+    """A trim of 15 % leaves 85 m: 1/r_d = 0.01176. A gain that is too low for 100 m is reported as such."""
     overrides = ("guidance.law=bounded", f"guidance.gain={gain}", f"guidance.radius_trim_per_s={trim}")
     assert [line.grade for line in lines(mission, "trim", *overrides)] == told
 
 
 def test_a_gain_far_below_the_default_hardly_turns(mission):
-    """V = 15 m/s and lags of about .4 and .6 s: k near .5/15."""
+    """V = 15 m/s and lags of about 0.4 and 0.6 s: k near 0.5/15."""
     line = only(mission, "gain", "guidance.law=feedforward", "guidance.gain=0.002")
     assert line.grade is WARN and "with this gain the vehicle hardly turns" in line.text
     assert only(mission, "gain", "guidance.law=feedforward", "guidance.gain=0.01").grade is PASS
@@ -220,7 +220,7 @@ def test_a_bound_beyond_the_farthest_range_is_told(mission, bound, height, told)
 @pytest.mark.parametrize("leaves_it", ["exit.action=stop", "engage.on_takeover=wait"])
 @pytest.mark.parametrize(("autopilot", "remedy"), [("px4", '"end"'), ("auto", ', or vehicle.autopilot "ardupilot"')])
 def test_a_px4_is_left_in_no_mode_to_which_it_would_return_by_itself(mission, leaves_it, autopilot, remedy):
-    """It is back in OFFBOARD as soon as setpoints resume. With "auto", it may be a PX4 that is heard."""
+    """It returns to OFFBOARD as soon as setpoints resume. With "auto", the vehicle may be a PX4."""
     line = only(mission, "exit", f"vehicle.autopilot={autopilot}", leaves_it)
     assert line.grade is FAIL and line.text.endswith(remedy)
 
@@ -245,7 +245,7 @@ TIGHT = ("guidance.law=auto", *PLANE, "vehicle.turn_lag_s=0.5", "vehicle.max_tur
 
 @pytest.mark.parametrize(("radius", "grade"), [(60, WARN), (68, PASS), (150, PASS)])
 def test_a_circle_on_which_the_loop_has_too_little_margin_warns_and_names_one_that_holds(mission, radius, grade):
-    """60 m at 15 m/s swung in 5 m/s of wind on firmware, where the geometry allows 5.6 m/s."""
+    """60 m at 15 m/s oscillated in 5 m/s of wind on firmware, where the geometry allows 5.6 m/s."""
     line = only(mission, "margin", *TIGHT, f"orbit.radius_m={radius}")
     assert line.grade is grade
     assert ("a radius of 65 m suffices for up to 5.0 m/s" in line.text) == (radius == 60)

@@ -1,4 +1,4 @@
-"""Mission files: what they mean, and the one line for each way to get them wrong."""
+"""Mission files: their meaning, and one line for each mistake."""
 
 import json
 import tomllib
@@ -22,7 +22,7 @@ CONFIG = sorted((Path(__file__).parents[2] / "config").glob("*.toml"))
 
 
 def refusal(text, *overrides):
-    """The line that a person gets; it is one line."""
+    """Return the error message, which is one line."""
     with pytest.raises(MissionError) as caught:
         parse_mission(text, "m.toml", overrides)
     line = str(caught.value)
@@ -48,7 +48,7 @@ def test_the_papers_examples_carry_the_papers_numbers(config, example, law, k, c
     assert random == {"north_m": [0.0, 10.0], "east_m": [0.0, 10.0], "heading_deg": [0.0, 360.0]}
 
 
-# --- what a file means ---
+# --- meaning of a file ---
 
 
 def test_degrees_become_radians_here(mission):
@@ -116,7 +116,7 @@ def test_a_gain_left_out_is_the_laws_default(mission, law, default):
 
 
 def test_gains_count_on_a_measured_rate_only_where_nothing_flies_without(mission):
-    """A rate that is dropped in flight leaves the filter's lag, for which the gain must do."""
+    """A rate that is dropped in flight leaves the filter's lag, and the gain must allow for it."""
     keys = ["guidance.law=feedforward", "ranging.message=named_value_float"]
     rate = ["ranging.rate_name=RR", "ranging.rate_sign=closing"]
     alone, beside = mission(*keys), mission(*keys, *rate)
@@ -162,7 +162,7 @@ def test_what_a_file_does_not_ask_for_is_left_to_the_operator(mission):
 
 
 def test_an_override_counts_like_the_file_and_is_written_down(mission):
-    """It may open a table, and of two the last counts."""
+    """It may open a table. The last of two overrides counts."""
     changed = mission(
         "engage.request_mode=true", "orbit.radius_m=90", "orbit.radius_m=80", "orbit.direction=counterclockwise"
     )
@@ -383,7 +383,7 @@ def test_a_mission_in_dotted_keys_is_written_down_as_it_is_flown(text, override)
     ],
 )
 def test_a_key_is_told_from_the_folder_of_the_mission_from_home_or_from_the_root(text, tmp_path, given, meant):
-    """And written down whole, so that the mission as flown can be flown again out of its run folder."""
+    """The saved mission has absolute paths, so that it can be flown again from its run folder."""
     path, meant = tmp_path / "small.toml", meant.format(folder=tmp_path, home=Path.home())
     path.write_text(f'{text}[signing]\nkey_file = "{given}"\n[sim.signing]\nkey_file = "{given}"\n')
     flown = load_mission(path)
