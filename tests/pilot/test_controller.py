@@ -72,8 +72,8 @@ def test_a_vehicle_is_at_speed_once_it_has_turned_as_commanded_for_long_enough(b
 
 
 def test_a_moment_of_not_following_costs_no_more_than_the_moment():
-    """The vehicle reverses its turn faster than it counts as deaf, and it does not stop meanwhile. Shorter pauses
-    have no effect."""
+    """Reversing a turn takes less time than counting as deaf, and the vehicle does not stop meanwhile. A shorter
+    pause has no effect."""
     vehicle = Vehicle()
     vehicle.turns(30.0, COMMANDED)
     assert all([*vehicle.turns(1.3, 0.0), *vehicle.turns(10.0, COMMANDED)])

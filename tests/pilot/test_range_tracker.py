@@ -202,8 +202,8 @@ def test_a_name_that_nobody_sends_is_told_with_those_that_are_sent():
 
 
 def fast(rig, hz, values=lambda n: 15000 + n % 2):
-    """Return a function that sends ranges at a rate above that of the bench's ticks, all due ranges before each
-    step."""
+    """Return a function that sends ranges within each tick at a rate above that of the ticks, with a step after
+    each."""
 
     number = count(1)
 
