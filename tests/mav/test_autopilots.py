@@ -100,7 +100,7 @@ def test_copters_and_rovers_are_commanded_speed_yaw_rate_and_the_acceleration_of
 
 
 def test_a_leaning_px4_copter_is_fed_an_acceleration_that_is_level_when_its_attitude_has_turned_it() -> None:
-    """PX4 multiplies it by the rotation matrix of roll and pitch, and then by that of yaw."""
+    """PX4 multiplies it by the rotation matrix of roll and pitch, and then by the one of yaw."""
     roll, pitch = 0.2, -0.45
     leaning = STATE._replace(drag=0.3, motion=STATE.motion._replace(roll=roll, pitch=pitch))
     fed = struct.unpack_from("<3f", sent(("px4", "copter"), -0.2, leaning), 10 + 4 + 6 * 4)
