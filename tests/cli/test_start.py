@@ -1,4 +1,4 @@
-"""Modules loaded by each command: only those that it needs, and slow ones before they are needed."""
+"""Modules loaded by each command: only the necessary ones, and slow ones before they are needed."""
 
 import json
 import subprocess

@@ -147,8 +147,8 @@ def test_a_link_that_has_turned_slow_in_one_step_is_told_by_its_round_trip():
 
 
 def test_what_the_round_trip_does_not_explain_is_the_clocks():
-    """Timesync is silent for 1 s. Then a round trip that has grown by 0.2 s explains at most 0.2 s of the lag of
-    1 s."""
+    """Timesync is silent for 1 s: the whole lag counts as delay. Then a round trip that has grown by 0.2 s explains
+    only 0.2 s."""
     slower = lambda since, now: float("inf") if now < 6.0 else 0.2  # noqa: E731
     shown = ages(lambda stamp: 1.0, slower=slower)
     assert [round(age, 6) for time, age in shown if 5.0 < time < 5.95] == [1.0] * 9

@@ -1,4 +1,4 @@
-"""The drivers, fed with bytes that the manufacturers published."""
+"""The drivers, with bytes that the manufacturers published."""
 
 from itertools import pairwise
 
