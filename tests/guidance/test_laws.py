@@ -117,8 +117,8 @@ def test_relay_changes_over_within_its_boundary_layer_and_not_at_once():
 
 @pytest.mark.parametrize(("r", "turn"), [(102.0, 0.193), (250.0, 0.34), (98.0, 0.187), (1.0, 0.0415)])
 def test_pd_is_its_equation_with_the_error_cut(r, turn):
-    """V/r_d = 0.15 and k r' = 0.04. Of the error, at most 100 m count, times 0.0015: k^2 V/4, limited to the demand of
-    V/2."""
+    """V/r_d = 0.15 and k r' = 0.04. The error counts with k^2 V/4 = 0.0015, up to 100 m, which demand a radial speed
+    of V/2."""
     assert laws.pd(r, 2.0, V=V, r_d=R_D, k=-0.02) == pytest.approx(turn)
 
 

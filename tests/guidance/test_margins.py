@@ -72,7 +72,7 @@ def test_margins_hold_for_every_vehicle_whose_delay_is_known_to_a_fifth(plant, k
 
 
 def flown(dead, kind, a, damping, seconds=25.0, dt=0.01, gain=0.75):
-    """Turned angles of a vehicle under the turns of an approach, then on the circle: times, commands, angles."""
+    """Fly the turns of an approach, then the circle. Return times, commands and turned angles."""
     time = np.arange(0.0, seconds, dt)
     command = np.where(time < 14.0, 0.3 * np.sign(np.sin(0.7 * time)), 0.15)
     late = gain * command[np.maximum(np.arange(time.size) - round(dead / dt), 0)]

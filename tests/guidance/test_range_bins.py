@@ -45,7 +45,7 @@ def test_a_bin_is_the_mean_of_a_quarter_of_a_second_without_what_is_far_off_and_
     valid[[2, 7, *range(9, 15)], 1] = False
     window = listened(np.full(15, WIDTH / 5), ranges, valid, path=(0.5, -0.25))
     bins = window.bins(np.arange(2), np.full(2, SIGMA))
-    # a step closes the bin before it takes in its own range: four of the first five, and all of the next
+    # a step closes the bin before it adds its own range: four of the first five, and all of the next
     assert bins.z[0] == pytest.approx([101.5, 102.0, 102.0])
     assert bins.z[1, :2] == pytest.approx([(200 + 203) / 2, (204 + 200 + 203) / 3])
     assert bins.age[0] == pytest.approx([12.5 * 0.05, 8 * 0.05, 3 * 0.05])

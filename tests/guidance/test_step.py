@@ -36,7 +36,7 @@ def estimate(r, r_dot=0.0, time=0.0, relative=None):
     ],
 )
 def test_the_papers_laws_turn_at_v_over_r_on_the_radius_they_settle_on_in_the_missions_sense(choice, r, demanded):
-    """Counter-clockwise is positive in the paper's frame."""
+    """In the paper's frame, counter-clockwise is positive."""
     other = Orbit(PAPER.radius, Direction.COUNTERCLOCKWISE, PAPER.speed, PAPER.max_turn_rate)
     assert Steering(PAPER, choice)(estimate(r)).demanded == pytest.approx(demanded, rel=1e-8)
     assert Steering(other, choice)(estimate(r)).demanded == pytest.approx(-demanded, rel=1e-8)

@@ -13,7 +13,7 @@ STEP = 0.05
 
 
 def turned(state: TurnGain, start: float, seconds: float, rate: float) -> TurnGain:
-    """The state after the heading has turned at a rate (rad/s) for some time under the same command."""
+    """Return the state after the heading has turned at a rate (rad/s) for some time under the same command."""
     heading = state.heading
     for n in range(round(seconds / STEP)):
         heading += rate * STEP

@@ -21,7 +21,7 @@ class Vehicle:
     def fly(self, seconds, *, deaf=False):
         last, since = self._on_the_way[-1], self.now
         for _ in range(round(seconds / STEP)):
-            # a circle, and what keeps the vehicle on it; off the circle, the command calls for more and more
+            # a circle with corrections; while deaf, the vehicle leaves it and the command grows
             command = 0.17 + 0.1 * sin(0.9 * self.now) + (0.3 * min((self.now - since) / 3, 1.0) if deaf else 0.0)
             self.answer.command(self.now, command)
             received = command if not deaf else last if self.now - since < 3.0 else 0.0

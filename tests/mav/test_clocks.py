@@ -71,7 +71,7 @@ def test_stamps_go_on_along_one_line_through_the_wrap_and_back():
         ([(3.0, 1.0), (3.0, 1.1)], 1.0, False),  # the same frame again
         ([(3.0, 1.0), (9.0, 1.1)], 1.0, False),  # advances, but slower than time
         ([(3.0, 1.0), (9.0, 1.1)], np.inf, True),
-        ([(3.0, 1.0), None, (3.1, 1.1)], 1.0, False),  # one of the old clock between them
+        ([(3.0, 1.0), None, (3.1, 1.1)], 1.0, False),  # one stamp of the old clock between them
     ],
 )
 def test_a_clock_was_set_anew_when_two_stamps_in_a_row_agree(stamps, steady, proven):

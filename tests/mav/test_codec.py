@@ -58,9 +58,9 @@ PLACES = st.lists(st.integers(0, 10_000), max_size=20)
 @example(data=[b"\xfd", *GOOD])
 @example(data=[*GOOD[:6], b"\xfd\xff\x00\x00", *GOOD[6:]])
 @example(data=[STUMP, BEAT, BEAT])
-@example(data=[b"\xfe", *[BEAT] * 10, GOOD[2]])  # 0xFE claims most of the datagram
+@example(data=[b"\xfe", *[BEAT] * 10, GOOD[2]])  # the length after 0xFE covers most of the datagram
 def test_no_good_frame_of_a_datagram_is_lost_to_false_starts_stumps_and_junk_round_it(data):
-    """The parser of pymavlink loses the 14 frames inside the length that a stray 0xFD claims (mavlink.md, rule 2)."""
+    """The parser of pymavlink loses the 14 frames within the length after a stray 0xFD (mavlink.md, rule 2)."""
     assert decoded(Decoder(), [b"".join(data)]) == [piece for piece in data if piece in GOOD]
 
 

@@ -69,7 +69,7 @@ def test_a_second_vehicle_and_strangers_of_its_ids_are_counted_and_move_nothing(
     here.beat(now=0.0, mode=5)
     for i in range(5):
         here.beat(now=0.1 * i, voice=other, mode=4, source="elsewhere")
-    here.beat(now=0.6, mode=4, source="elsewhere")  # of the same ids on another address
+    here.beat(now=0.6, mode=4, source="elsewhere")  # a vehicle with the same ids on another address
     here.hear(mavlink.MAVLink_statustext_message(6, b"not the autopilot"), voice=camera)
     here.hear(mavlink.MAVLink_statustext_message(6, b"forged"), source="elsewhere")
     for ms in (10_000_000, 1_000, 1_100):

@@ -66,7 +66,7 @@ BOUNDS = [
     # a = (15^2/100 + 15 * 0.349)/3 = 2.5 m/s^2 and T = 0.1 s: 2.8 m/s at 200 m, 5.0 at 2000 m, 7.6 at 11 km
     ("rate error", "ranging.sigma_m=200.0", PASS), ("rate error", "ranging.sigma_m=2000.0", WARN),
     ("rate error", "ranging.sigma_m=11000.0", FAIL),
-    # 2 k r_d V = 0.3 a second, times the lags of turn and filter: limit cycles from 0.45 on, refused at four times
+    # 2 k r_d V = 0.3/s, times the lags of turn and filter: limit cycles from 0.45 on, refused at four times that
     ("damping", lag(0.5), PASS), ("damping", lag(1.7), WARN), ("damping", lag(4.5), WARN), ("damping", lag(7.0), FAIL),
     ("damping", "vehicle.turn_lag_s=0.8", PASS),
     # growth sqrt(1 + (h/r)^2): 1.5 at 111.8 m, 5 at 489.9 m
@@ -76,7 +76,7 @@ BOUNDS = [
     ("height", f"orbit.height_above_target_m=489 {BEACON}", WARN),
     ("height", f"orbit.height_above_target_m=491 {BEACON}", FAIL),
     ("height", "orbit.target_altitude_m=500", PASS), ("height", "orbit.target_above_home_m=-3", PASS),
-    # a tenth of the circle of 100 m is the room that it should have
+    # the reserve should be a tenth of the circle of 100 m
     ("bounds", "bounds.max_range_m=99", FAIL), ("bounds", "bounds.max_range_m=109", WARN),
     ("bounds", "bounds.max_range_m=111", PASS), ("bounds", "bounds.min_range_m=101", FAIL),
     ("bounds", "bounds.min_range_m=92", WARN), ("bounds", "bounds.min_range_m=90", PASS),
@@ -116,7 +116,7 @@ SENT_TYPES = [
     ("ranging", BEACON, WARN,
      "ArduPilot and PX4 do not forward RANGING_BEACON: set ranging.endpoint, unless the radio "
      "itself sends to link.endpoint"),
-    ("exit", "vehicle.autopilot=auto exit.action=brake", FAIL,  # of the two copters only ArduPilot's brakes
+    ("exit", "vehicle.autopilot=auto exit.action=brake", FAIL,  # of the two copters, only ArduPilot's has a brake mode
      "px4 copter has no exit action brake: choose loiter, rtl, land, hold"),
     ("signing", SIGNED, PASS,
      "frames are signed, and accepted only if signed with our key"),
@@ -133,7 +133,7 @@ SENT_TYPES = [
      "udpin:0.0.0.0:14550 accepts 10.0.0.5 only"),
     ("peer", "link.endpoint=tcp:10.0.0.5:5760 link.peer=10.0.0.5", WARN,
      "link.peer has no effect: only udpin receives from more than one address"),
-    # it loiters after 3 s, banking hard; a copter brakes
+    # a plane loiters after 3 s with a steep bank; a copter brakes
     ("exit", " ".join([*PLANE, "exit.action=stop"]), FAIL,
      "a plane that stays in GUIDED loiters 3 s later, banking hard at once: exit.action must command a mode, choose "
      "loiter, rtl, hold"),
@@ -149,7 +149,7 @@ def test_a_line_has_the_number_its_bound_and_the_remedy(mission, subject, overri
 @pytest.mark.parametrize(
     ("subject", "overrides"),
     [
-        ("radius", "guidance.gain=4e-5"),  # an impossible gain has none
+        ("radius", "guidance.gain=4e-5"),  # an impossible gain gives no radius
         ("switching", "guidance.law=smooth"),
         ("height cost", "orbit.target_altitude_m=500"),
         ("height cost", "orbit.target_above_home_m=-3"),
@@ -212,7 +212,7 @@ def test_a_default_gain_is_lowered_for_a_vehicle_that_turns_late_but_stays_above
 
 @pytest.mark.parametrize(("bound", "height", "told"), [(650, 0, False), (660, 0, True), (650, 100, True)])
 def test_a_bound_beyond_the_farthest_range_is_told(mission, bound, height, told):
-    """DISTANCE_SENSOR ends at a slant range of 655.34 m; 650 m and 100 m up are 657.6 m."""
+    """DISTANCE_SENSOR ends at a slant range of 655.34 m. At 650 m and 100 m above, the slant range is 657.6 m."""
     found = lines(mission, "bounds", f"bounds.max_range_m={bound}", f"orbit.height_above_target_m={height}")
     assert [line.grade for line in found] == [PASS, WARN][: 1 + told]
 
@@ -232,8 +232,8 @@ def test_a_copter_cannot_be_engaged_on_an_estimator_that_must_see_it_move_first(
 
 
 def test_the_settling_time_is_that_of_the_shortest_tangent_and_is_not_promised_for_a_law(mission):
-    """500 m from a circle of 100 m at the worst heading, the Dubins path to the tangent point takes 42.1 s. Feedforward
-    closes in at 0.55 V at most, which takes it 400/8.25 = 48 s for the straight way alone."""
+    """500 m from a circle of 100 m, with the worst heading, the Dubins path to the tangent point takes 42.1 s.
+    Feedforward closes in at 0.55 V or less, so the direct way alone takes 400/8.25 = 48 s."""
     line = only(mission, "settling", "guidance.law=feedforward")
     assert float(re.search(r"about (\d+) s", line.text)[1]) == pytest.approx(42.1, abs=1.5)
     assert "at most" not in line.text

@@ -224,7 +224,7 @@ KEYS = [*keys_of(MissionFile), *(f"sim.{key}" for key in keys_of(VehicleConfig))
 )
 @example("", [("orbit.radius_m", "[1, " + 5000 * "9" + "]")])
 def test_any_text_gives_a_mission_or_one_line_that_names_the_file(text, changes):
-    """Whole or spoiled files, each with overrides of any kind, up to the settings of pilot and bundled vehicle."""
+    """Valid or damaged files with overrides of any kind, up to the settings of pilot and bundled vehicle."""
     overrides = [f"{key}={value}" for key, value in changes]
     for whole in (text, TEXT + text):
         try:
@@ -363,7 +363,7 @@ def test_a_campaign_file_is_known_as_one(config):
     "override", ["vehicle.loops.trim_thrust=0.5", "vehicle.speed_mps=14.0", "bounds.max_range_m=200.0"]
 )
 def test_a_mission_in_dotted_keys_is_written_down_as_it_is_flown(text, override):
-    """tomlkit puts a table of a table in front of them all, where it swallows the rest."""
+    """tomlkit puts a nested table in front of all dotted keys, where it captures the rest."""
     tables = {name: keys for name, keys in tomllib.loads(text).items() if name != "name"}
     dotted = [f"{name}.{key} = {json.dumps(value)}" for name, keys in tables.items() for key, value in keys.items()]
     flown = parse_mission("\n".join(['name = "small"', *dotted]), "dotted.toml", [override])
@@ -401,7 +401,7 @@ def test_a_key_is_told_from_the_folder_of_the_mission_from_home_or_from_the_root
             "signing.key_file=k signing.key=00",
             "signing.key: unknown key, keys of this table: key_file, accept_unsigned",
         ),
-        ("signing.key_file=", "signing.key_file: "),  # not taken for the folder of the mission
+        ("signing.key_file=", "signing.key_file: "),  # not resolved to the folder of the mission
         ("signing=drone.key", "signing: must be a table"),
     ],
 )

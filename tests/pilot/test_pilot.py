@@ -41,7 +41,7 @@ def test_the_four_numbers_to_plot_come_at_four_hertz_or_less(rig):
 
 
 def test_our_heartbeat_stops_with_the_loop_that_feeds_it(rig):
-    """It is sent by the healthy tick and by nothing else."""
+    """Only a healthy step sends the heartbeat."""
     rig.engage()
     for _ in range(100):
         rig.now = round(rig.now + 0.05, 6)

@@ -47,7 +47,7 @@ def test_an_alarm_is_said_once_as_a_warning_and_its_end_as_news(rig):
     rig.run(4.0, speaks=True)
     rig.run(1.0, mode=LOITER)
     said = [(text.severity, text.text.removeprefix("circnav: ")) for text in rig.of("STATUSTEXT", since)]
-    said.remove((4, "no attitude"))  # which the bench does not send
+    said.remove((4, "no attitude"))  # the bench sends no attitude
     taken = "taken over, GUIDED left for LOITER"
     ended = "ended, pilot or failsafe switched to LOITER after"
     assert said[:4] == [(4, "link silent"), (5, "link restored"), (4, taken), (5, ended[:41])]

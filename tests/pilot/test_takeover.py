@@ -19,9 +19,8 @@ GIVEN_BACK = 2.0
 
 @dataclass(frozen=True)
 class Takeover:
-    """One way to take the vehicle over. before: earlier events. take: messages of the vehicle. stays: True if the
-    vehicle stays out of the guided mode. left: True if the guided mode was left, so that entering it returns the
-    vehicle."""
+    """One way to take the vehicle over. before: earlier events. take: messages of the vehicle. stays: True if it stays
+    in another mode or disarmed. left: True if the guided mode was left, so that entering it returns the vehicle."""
 
     take: Callable[[Rig], None]
     text: str = "taken over, GUIDED left for LOITER"

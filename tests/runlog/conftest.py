@@ -1,4 +1,4 @@
-"""A run folder made by hand."""
+"""A synthetic run folder."""
 
 import csv
 import struct

@@ -1,4 +1,4 @@
-"""The run folder: read back by pymavlink's own log reader, and a disk that fails in every way."""
+"""The run folder, read back by pymavlink's own log reader, and disk failures of all kinds."""
 
 import csv
 from pathlib import Path
@@ -75,7 +75,7 @@ def test_every_tick_is_a_line_and_every_field_a_column(recorder):
 
 
 def test_what_is_written_is_on_the_disk_at_once(recorder):
-    """Otherwise a crash of the process would lose them."""
+    """Otherwise a crash of the process would lose recorded steps."""
     recorder.step(LoopStep(0.5, sent=frames(30)))
     recorder.ticks([tick()])
     until(lambda: "engaged" in (recorder.folder / "ticks.csv").read_text())

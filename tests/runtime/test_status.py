@@ -132,7 +132,7 @@ def test_the_target_is_told_as_seen_from_the_vehicle_and_drift_by_where_it_goes_
 
 
 def test_a_wide_terminal_is_used_and_one_below_80_columns_gets_80(statuses):
-    """The bar is as wide as the terminal allows: 41 cells of 80, 101 of 140. No word is cut for lack of space."""
+    """The bar is as wide as the terminal allows: 41 cells of 80, 101 of 140. At 140 columns no text is shortened."""
     for columns, cells in ((60, 41), (80, 41), (140, 101)):
         picture = Picture(SETTINGS, "small", ascii_only=False).draw(statuses(12.0)[-1], columns)
         assert picture.width == max(columns, 80)
@@ -143,8 +143,8 @@ def test_a_wide_terminal_is_used_and_one_below_80_columns_gets_80(statuses):
 
 @pytest.mark.parametrize("height", [6, 14])
 def test_a_low_terminal_shows_phase_and_alarm(statuses, height):
-    """It omits the last rows, for which it has no space. The first picture is written by the display's own thread,
-    because writing may block forever."""
+    """The picture omits the last rows for lack of space. The display's own thread writes the first picture, because
+    writing may block forever."""
     console = Console(width=80, height=height, file=io.StringIO(), color_system=None, force_terminal=True)
     screen = LiveScreen(console, Picture(SETTINGS, "small", ascii_only=False))
     assert console.file.getvalue() == ""

@@ -252,7 +252,7 @@ def test_an_endpoint_that_can_never_work_is_refused_in_one_line(link, words):
 
 
 def test_reports_are_in_the_tlog_without_signatures_and_are_read_back(tmp_path):
-    """Between the frames of the vehicle's link, which are exactly as before."""
+    """They are between the frames of the vehicle's link, which do not change."""
     network = LocalNetwork()
     members = [FrameCarrier(network.port(one), GROUP, one, KEY) for one in (1, 2)]
     recorder = Recorder(tmp_path / "run", "")

@@ -22,7 +22,7 @@ GPS_LOST = (
     "sim.sensors.gps_error_time_s=600", "sim.wind.speed_mps=5", "sim.start.north_m=150", "sim.start.east_m=-100",
     "limits.duration_s=85",
 )  # fmt: skip
-"""A plane that circles and loses its GPS after a minute. The GPS returns 25 s later."""
+"""A plane that circles and loses its GPS after a minute. Guidance ends 25 s later."""
 
 
 @dataclass

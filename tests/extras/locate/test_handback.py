@@ -86,7 +86,7 @@ def give(goods, result, off=0.0, until=1e9):
 
 def test_nothing_is_given_while_there_is_a_position_or_nobody_says_so_and_no_more_once_it_is_back():
     back, times = give([True] * 50 + [False] * 40 + [None] * 100 + [True] * 100, mavlink.MAV_RESULT_ACCEPTED)
-    assert times == [7.0, 8.0]  # it is gone at 5 s, and has been for 2
+    assert times == [7.0, 8.0]  # lost at 5 s, sent from 7 s on
     assert back.ended == "the autopilot has a position again"
 
 

@@ -53,7 +53,7 @@ def test_an_honest_flight_in_wind_raises_no_alarm():
 
 
 def test_a_spoof_of_the_emulated_vehicle_is_told_within_ten_seconds_and_leaves_flight_and_place_alone():
-    """500 m in 10 s from t = 75 s on. The same flight without a survey sends the same bytes."""
+    """The spoof moves by 500 m within 10 s from t = 75 s on. The same flight without a survey sends the same bytes."""
     changes = ('sim.events=[{at_s=75.0, action="gps_spoof", value=50.0}]', "sim.sensors.gps_error_m=0.5",
                "limits.duration_s=90", "sim.start.north_m=150", "sim.start.east_m=0")  # fmt: skip
     flown = surveyed("quickstart", *changes, law="smooth")

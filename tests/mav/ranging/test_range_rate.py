@@ -1,4 +1,4 @@
-"""NAMED_VALUE_FLOAT: metres per second under an agreed name, beside the range of the same sender and clock."""
+"""NAMED_VALUE_FLOAT: meters per second under an agreed name, beside the range of the same sender and clock."""
 
 import math
 
