@@ -151,7 +151,7 @@ def test_an_error_of_ours_leaves_a_safe_setpoint_behind_and_says_where_it_is_wri
 
 @pytest.mark.usefixtures("undrawn")
 def test_signals_that_a_drivers_package_takes_for_itself_still_end_the_flight_safely(circnav, monkeypatch, tmp_path):
-    """rospy and rclpy install handlers of their own."""
+    """rospy and rclpy install their own handlers."""
     fly = import_module("circnav_mav.cli.fly")  # the package's `fly` is the command
     opened, flown = fly.open_links, fly.run
 

@@ -18,7 +18,7 @@ COMMANDS = ("report", "replay")
 
 @pytest.fixture
 def told(circnav, run):
-    """Run a command that reads the run: told("report")."""
+    """Return a function that runs a command on the run folder: told("report")."""
     return lambda command: circnav(command, run)
 
 

@@ -78,8 +78,8 @@ def test_many_flights_are_planned_as_one_and_those_within_the_limit_keep_their_c
 
 
 def flown(limit_known, sense=1.0, seconds=240.0, dt=0.05):
-    """Return the RMS off the circle over the last two laps (m) of a vehicle that turns no faster than LIMIT, and its
-    final angular momentum."""
+    """Return the RMS off the circle over the last two laps (m), and the final angular momentum. The vehicle turns no
+    faster than LIMIT."""
     lag, p, psi, rate, d = 0.4, (R_D + 40.0, 0.0), 1.5 * sense, 0.0, (3.0, -4.0)
     under_way, response, errors = PendingTurn(), Response(0.0, lag, 1 / lag), []
     for i in range(round(seconds / dt)):

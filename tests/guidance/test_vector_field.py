@@ -61,8 +61,8 @@ def test_the_field_is_followed_over_the_ground_whatever_the_wind(at, wind, blows
     [(50.0, 0.02, -1.0), (98.0, 0.02, -0.2), (50.0, 0.01, -sqrt(0.1)), (1.0, 0.05, -pi / 2), (400.0, 0.02, acos(0.25))],
 )
 def test_far_inside_the_course_leads_out_as_the_tightest_turn_does_and_far_outside_it_touches(r, sharpest, inward):
-    """By hand: sqrt(2 e (sharpest - 1/r_d)) = sqrt(2 50 0.01) = 1. The difference counts as at least 0.1/r_d, and the
-    course is at most straight out."""
+    """Hand calculation: sqrt(2 e (sharpest - 1/r_d)) = sqrt(2 50 0.01) = 1. The difference counts as at least
+    0.1/r_d, and the course is at most straight out."""
     assert inward_angle(r, r_d=R_D, k=1e4, sharpest=sharpest) == pytest.approx(inward, rel=1e-4)
 
 

@@ -212,7 +212,8 @@ def test_a_default_gain_is_lowered_for_a_vehicle_that_turns_late_but_stays_above
 
 @pytest.mark.parametrize(("bound", "height", "told"), [(650, 0, False), (660, 0, True), (650, 100, True)])
 def test_a_bound_beyond_the_farthest_range_is_told(mission, bound, height, told):
-    """DISTANCE_SENSOR ends at a slant range of 655.34 m. At 650 m and 100 m above, the slant range is 657.6 m."""
+    """DISTANCE_SENSOR ends at a slant range of 655.34 m. A horizontal range of 650 m and a height of 100 m give
+    657.6 m."""
     found = lines(mission, "bounds", f"bounds.max_range_m={bound}", f"orbit.height_above_target_m={height}")
     assert [line.grade for line in found] == [PASS, WARN][: 1 + told]
 

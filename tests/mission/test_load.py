@@ -116,7 +116,7 @@ def test_a_gain_left_out_is_the_laws_default(mission, law, default):
 
 
 def test_gains_count_on_a_measured_rate_only_where_nothing_flies_without(mission):
-    """A rate that is dropped in flight leaves the filter's lag, and the gain must allow for it."""
+    """If the rate is dropped in flight, the filter's lag returns. The gain must allow for this."""
     keys = ["guidance.law=feedforward", "ranging.message=named_value_float"]
     rate = ["ranging.rate_name=RR", "ranging.rate_sign=closing"]
     alone, beside = mission(*keys), mission(*keys, *rate)

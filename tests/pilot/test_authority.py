@@ -35,7 +35,7 @@ def test_nothing_is_commanded_in_another_mode_and_no_mode_asked_for_unless_the_m
 @pytest.mark.parametrize(
     ("state", "seconds", "waits_for", "then"),
     [
-        # a disarmed aircraft does not fly, whichever landed state it reports
+        # a disarmed aircraft does not fly, even without a landed state
         ({"armed": False}, 5.0, NOT_ARMED, {"armed": True}),
         ({"armed": False, "landed_state": None}, 6.0, NOT_ARMED, {"armed": True}),
         ({"armed": False, "landed_state": 0}, 6.0, NOT_ARMED, {"armed": True}),

@@ -1,5 +1,5 @@
-"""Detection that the vehicle flies at the commanded speed (a copter is assumed to fly at V only then), and the
-integral of its radius error."""
+"""Detection that the vehicle flies at the commanded speed, and the integral of its radius error. Only a copter at
+speed is assumed to fly at V."""
 
 import pytest
 

@@ -12,7 +12,7 @@ SET_MODE = 176
 
 
 def asked(mode: int = LOITER, **settings) -> Rig:
-    """Return a rig whose vehicle was just asked for the guided mode for the first time."""
+    """Return a rig that has just sent its first request for the guided mode."""
     rig = Rig(request_mode=True, **settings)
     while not rig.commands(SET_MODE):
         rig.run(0.05, mode=mode)

@@ -411,7 +411,7 @@ def test_noise_is_measured_against_what_the_mission_assumes(noise, grade):
 
 @pytest.mark.parametrize("received", [12, 50])
 def test_an_honest_radio_is_not_doubted_for_want_of_ranges(received):
-    """Few ranges give an uncertain scatter. Of 300 short surveys of the mission's own noise, at most three may
+    """Few ranges give an uncertain scatter. Of 300 short preflights with the mission's own noise, at most three may
     propose another sigma_m, and none may fail."""
     grades = []
     for seed in range(300):
@@ -621,7 +621,7 @@ def test_a_parameter_is_judged_with_what_else_the_vehicle_has(name, values, grad
     ],
 )
 def test_a_limit_that_is_the_missions_own_number_is_within_it(name, key, parameter, number, stricter, grade):
-    """In 32 bits 2.3 is less than 2.3, and 24 degrees exceed themselves by one bit after conversion to radians."""
+    """In 32 bits, 2.3 rounds down, and 24 degrees gain one bit by the conversion to radians."""
     listener, mission = good(name).listener, load_mission(CONFIG / f"{name}.toml", [f"{key}={number}"])
     for value, expected in ((number, PASS), (stricter, grade)):
         (in_32_bits,) = struct.unpack("<f", struct.pack("<f", value))

@@ -52,7 +52,7 @@ def test_setpoints_flow_before_the_mode_and_ask_for_nothing():
 
 
 def test_a_vehicle_disarmed_by_its_operator_is_sent_nothing_when_it_comes_back_armed_in_offboard():
-    """The mission is ready, but the mode was not left and entered again: there is no consent."""
+    """The mission is ready, but the mode was not left and entered again, so the operator has not consented."""
     rig = PX4(end_on_takeover=False).engage()
     since = rig.run(0.3, armed=False).now
     rig.run(1.0).run(4.0, speaks=False).run(3.0, speaks=True, armed=True)

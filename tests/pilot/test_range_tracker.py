@@ -122,7 +122,7 @@ def test_ranges_that_jump_farther_than_the_vehicle_can_fly_count_as_lost_until_t
 
 
 def two(rig, *, equal_stamps=True, **other):
-    """Send ranges of the mission's sensor at 10 Hz, and beside each one of another sensor of the same radio."""
+    """Return a function that sends ranges of two sensors of one radio at 10 Hz, the mission's and another one."""
     both = {"id": 1, "orientation": 24, **other}
 
     def speaks():
@@ -202,8 +202,7 @@ def test_a_name_that_nobody_sends_is_told_with_those_that_are_sent():
 
 
 def fast(rig, hz, values=lambda n: 15000 + n % 2):
-    """Return a function that sends ranges within each tick at a rate above that of the ticks, with a step after
-    each."""
+    """Return a function that sends the ranges of a tick at a rate above the tick rate, with a step after each."""
 
     number = count(1)
 

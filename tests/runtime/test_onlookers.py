@@ -1,4 +1,4 @@
-"""Onlookers: a failure of one, in any call, is reported, and neither ends the flight nor affects the others."""
+"""Onlookers: a failure in any call is reported, and neither ends the flight nor affects other onlookers."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from circnav_mav.runtime.onlookers import Onlooker, Onlookers
 
 
 class Sound(Onlooker):
-    """Uses every call of an onlooker, and records the steps that it receives."""
+    """Implements every call of an onlooker, and records the steps that it receives."""
 
     name = "sound"
 

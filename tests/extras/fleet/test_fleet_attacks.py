@@ -1,8 +1,8 @@
 """Attacks on the fleet link, one row each: the attacker's frames, and the victim's reaction.
 
 Member 1 is the victim. Member 2 is honest and sends at 5 Hz for 10 s. The attacker reads everything on the link and
-sends from another address, or from the address of member 2. In every row the honest member is still received, no
-false report under its id is accepted, and the work and memory of the victim are bounded.
+sends from another address, or from the address of member 2. In every row the honest member is still received, and no
+false report under its id is accepted. The work and memory of the victim are bounded.
 """
 
 from collections.abc import Callable

@@ -131,7 +131,7 @@ def test_a_position_is_lost_only_where_receivers_and_estimator_both_say_so(said,
 
 
 def reckoned(received):
-    """Dead reckoning for 60 s from 100 m east of the target, due north at 20 m/s through the air in 5 m/s of wind to
+    """Dead reckoning for 60 s from 100 m east of the target. Due north at 20 m/s through the air, wind of 5 m/s to
     the east. received: True at times (s) with own motion."""
     reckoning = DeadReckoning()
     reckoning.where = PositionEstimate(0.0, 100.0, 0.0, 3.0, 5 + 0j, 1.0, True)

@@ -100,7 +100,7 @@ def test_false_positions_change_no_byte_of_the_output_with_survey_and_hand_back_
 
 
 def test_positions_that_are_stamped_late_ask_for_no_answer_to_timesync():
-    """Its clock seems to have stepped, because the vehicle does not answer any more."""
+    """The stamps look like a clock step, while the vehicle does not answer TIMESYNC any more."""
 
     def flown(kind, late):
         rig = kind()

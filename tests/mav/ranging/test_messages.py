@@ -106,7 +106,7 @@ def test_a_range_within_its_limits_is_taken_and_another_rejected_by_its_reason(s
         ({"sensor_id": 0, "orientation": 0}, sensor(10000, id=0, orientation=24), False),
         ({}, sensor(10000, orientation=25), None),  # downward: it measures height
         ({"orientation": 25}, sensor(10000, orientation=25), None),
-        ({"name": "RADIO"}, named(100.0, "RADIO2"), None),  # values of any kind have a name
+        ({"name": "RADIO"}, named(100.0, "RADIO2"), None),  # the name distinguishes values of any kind
         ({"name": "R" * 10}, named(100.0, "R" * 10), True),
     ],
 )
