@@ -38,9 +38,10 @@ class AirPath:
             return
         if not adapter.flies:  # a rover tilts with the ground, which does not accelerate it
             own = own._replace(push=None)
-        # Copters and rovers have the commanded speed over ground. Their accelerations show how the velocity follows the
-        # nose. Guidance would compensate this as drift: the emulated copter swung until its gains were lowered.
-        if not adapter.measures_airspeed:
+        # ArduPilot's copters and rovers have the commanded speed over ground. Their accelerations show how the velocity
+        # follows the nose. Guidance would compensate this as drift: the emulated copter swung until its gains were
+        # lowered. For PX4's copter a model of the velocity loop has computed this already.
+        if not adapter.measures_airspeed and adapter.velocity_loop is None:
             own = own._replace(felt=None)
         if adapter.velocity_loop is not None and steering:
             self._copter_motion, own = self._copter_motion.follow(own, adapter.velocity_loop)

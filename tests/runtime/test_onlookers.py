@@ -1,5 +1,7 @@
 """Onlookers: a failure in any call is reported, and neither ends the flight nor affects other onlookers."""
 
+from pathlib import Path
+
 import pytest
 
 from circnav_mav.pilot.loop_step import LoopStep
@@ -47,7 +49,7 @@ def flown(one, other):
             onlookers.take_exchanged(moment)
         seen = onlookers.facts(moment), onlookers.alarms(moment)
     files = onlookers.finish(summary)
-    onlookers.show_verdict("COMPLETED")
+    onlookers.show_verdict("COMPLETED", Path())
     onlookers.close()
     return frames, seen, files, summary["notes"], list(onlookers.all_problems())
 

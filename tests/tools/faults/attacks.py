@@ -214,7 +214,7 @@ def taken_for_it(course: Course, seed: int) -> None:
     by(lambda course, now, n: listening_twin(course, now, n) + ranges(1.3, 0.1)(course, now, n), 10.0)(course, seed)
 
 
-IS_REJECTED = "the vehicle has a second sender: 1/1 at sim is rejected, 1/1 at 10.9.9.9:6666 counts"
+IS_REJECTED = "the vehicle has a second sender: 1/1 at sim is rejected, 1/1 at 10.9.9.9:6666 is used"
 
 
 def said_again_after_a_restart(course: Course, seed: int) -> None:
@@ -367,7 +367,7 @@ ATTACKS = [
     attack(
         "a command to the autopilot",
         to_loiter,
-        "taken over, GUIDED left for",
+        "",
         want=Want.END,
         reason="pilot or failsafe",
     ),
