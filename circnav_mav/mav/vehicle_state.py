@@ -52,7 +52,7 @@ class VehicleState:
         """Time of the vehicle's last mode report, s."""
         self.heartbeats = 0
         self.departures = 0
-        """Number of times that the vehicle left the guided mode or was disarmed in it, also between two polls."""
+        """Number of times that the vehicle left the guided mode or was disarmed in it, also between two steps."""
         self.left_for: str | None = None
         """Mode entered at the newest departure, None if the vehicle was disarmed."""
         self.on_ground: bool | None = None

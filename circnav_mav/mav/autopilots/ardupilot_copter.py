@@ -37,10 +37,10 @@ def _guided_options(value: float, context: Context) -> Verdict:
 
 
 def _acceleration(value: float, context: Context) -> Verdict:
-    """Judge WPNAV_ACCEL, m/s^2.
+    """Judge WPNAV_ACCEL, m/s^2: the acceleration must suffice for turns at the mission's turn-rate limit.
 
-    In flight at 5 m/s with 2.5 m/s^2, turns of 45 deg/s settled after 16 to 68 s, and turns of 30 deg/s after 14 to
-    31 s.
+    At 5 m/s with 2.5 m/s^2, flights with a limit of 45 deg/s settled on the circle after 16 to 68 s, flights with a
+    limit of 30 deg/s after 14 to 31 s.
     """
     asked = radians(context.max_turn_rate_deg) * context.speed
     words = f"turns at the mission's limit need {asked:.1f} m/s^2"
