@@ -50,7 +50,7 @@ def told(**changes: Any) -> str:
         ({**TURN, "turn_limit_cycle": True}, "WARNING    LIMIT CYCLE: the turn command oscillates"),
         ({**TURN, "gain_share": 0.7}, "oscillates, gains reduced to 70 %"),
         ({"notes": ["  target     found", "  WARNING    lost"]}, "1200 sent\n  target     found\n  WARNING    lost\n"),
-        ({"circles": [{**FIGURES, "desired_radius_m": 80.0, "begun_s": 2.0}, {}]}, "circle of 80 m, begun at 2 s: settled"),
+        ({"circles": [{**FIGURES, "desired_radius_m": 80.0, "begun_s": 2.0}, {}]}, "80 m, begun at 2 s: settled"),
         ({"circles": [{}], "circles_wanted_m": [100.0, 60.0]}, "WARNING    circle of 60 m not begun: the circle"),
     ],
 )  # fmt: skip
