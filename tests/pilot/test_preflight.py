@@ -584,10 +584,10 @@ def test_a_parameter_is_graded_by_what_it_implies(name, key, grades):
 @pytest.mark.parametrize(
     ("name", "values", "grade", "says"),
     [
-        ("px4_plane", {"NAV_RCL_ACT": 2, "COM_RCL_EXCEPT": 0}, WARN, "does not stay there, it flies home (RTL)"),
-        ("px4_plane", {"NAV_RCL_ACT": 3, "COM_RCL_EXCEPT": 0}, WARN, "does not stay there, it lands"),
+        ("px4_plane", {"NAV_RCL_ACT": 2, "COM_RCL_EXCEPT": 0}, WARN, "does not stay there, but flies home (RTL)"),
+        ("px4_plane", {"NAV_RCL_ACT": 3, "COM_RCL_EXCEPT": 0}, WARN, "does not stay there, but lands"),
         ("px4_plane", {"NAV_RCL_ACT": 1, "COM_RCL_EXCEPT": 0}, PASS, "NAV_RCL_ACT commands Hold, too"),
-        ("px4_plane", {"NAV_RCL_ACT": 2, "COM_RCL_EXCEPT": 2}, PASS, "stays there without our sticks"),
+        ("px4_plane", {"NAV_RCL_ACT": 2, "COM_RCL_EXCEPT": 2}, PASS, "stays there without our stick messages"),
         # without WP_SPEED a rover is clipped at its cruise speed
         ("ardurover", {"WP_SPEED": 0, "CRUISE_SPEED": 2}, FAIL, "CRUISE_SPEED = 2"),
         ("ardurover", {"WP_SPEED": 5, "CRUISE_SPEED": 2}, PASS, "CRUISE_SPEED = 2"),

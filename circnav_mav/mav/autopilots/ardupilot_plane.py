@@ -54,7 +54,7 @@ class ArduPlane(Autopilot):
         Rule((("AIRSPEED_MIN", 1.0), ("ARSPD_FBW_MIN", 1.0)), least_airspeed),
         Rule((("AIRSPEED_MAX", 1.0), ("ARSPD_FBW_MAX", 1.0)), most_airspeed),
         rule("GUID_TIMEOUT", timeout("loiters round the point where GUIDED was entered"), optional=True),
-        rule("FS_GCS_ENABL", gcs_failsafe("FS_LONG_ACTN decides (0: it stays in GUIDED)")),
+        rule("FS_GCS_ENABL", gcs_failsafe("FS_LONG_ACTN applies (0: the plane stays in GUIDED)")),
         GCS_SYSTEM,
         FENCE,
     )
