@@ -88,10 +88,11 @@ def figures(rows: Rows, points: int = 1) -> dict[str, Any]:
     """Return the figures of some rows of the table. points: grid points, which share their draws in each pass.
 
     failed: could not be flown. not_engaged: ended before the engagement. Flights of both kinds have no RMS error and no
-    settling time, so these figures cover the other flights. wrong_way: went round in the wrong sense. rms_*: RMS
-    radius error of the last third, m. settled_*: time from the engagement until the error stays within 5 %, s; None: never. closest:
-    closest approach of all flights, m. worlds: flights with the same draws and noise count as one in the intervals.
-    turn_*: medians of the figures of the turn command (see `TurnFigures`). limit_cycles: flights with a limit cycle.
+    settling time, so these figures cover the other flights. wrong_way: went round in the wrong sense. rms_*: RMS radius
+    error of the last third, m. settled_*: time from the engagement until the error stays within 5 %, s; None: never.
+    closest: closest approach of all flights, m. worlds: flights with the same draws and noise count as one in the
+    intervals. turn_*: medians of the figures of the turn command (see `TurnFigures`). limit_cycles: flights with a
+    limit cycle.
     """
     flown = [row for row in rows if row["rms_m"]]
     worlds, worlds_flown = (len({int(row["run"]) // points for row in some}) for some in (rows, flown))
