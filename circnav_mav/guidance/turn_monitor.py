@@ -46,7 +46,7 @@ SWING_WINDOW, LEAST_SWING_WINDOW = 72, 36
 periods of 1.8 s."""
 LONGEST_PERIOD = 18
 """Longest period of a cycle, bins: 3.6 s. On firmware cycles had 1 to 4.6 s, most below 2.5 s. Slower ones look like
-acquisition: its excitation has 6 s, and its turns from one hypothesis to the next take 4.4 to 5 s."""
+acquisition: the excitation has a period of 6 s, and turns from one hypothesis to the next take 4.4 to 5 s."""
 PERIODS = 4.0
 """Least number of periods in the window: more than the alternating turns of an approach, or gusts that repeat by
 chance."""
@@ -91,9 +91,9 @@ class TurnBin(NamedTuple):
 class TurnMonitor:
     """Detects a vehicle that does not follow, and lowers the gains in a limit cycle.
 
-    follows: False while the vehicle does not follow turn commands. since: time of that verdict, s; inf if it follows.
-    share: factor on the gains. cycles: number of reductions. swing: oscillation of the newest bins. swings: True while
-    the turn is in a limit cycle.
+    follows: False while the vehicle does not follow turn commands. since: time of that verdict, s; inf if the vehicle
+    follows. share: factor on the gains. cycles: number of reductions. swing: oscillation of the newest bins. swings:
+    True while the turn is in a limit cycle.
     """
 
     def __init__(self, limit: float) -> None:

@@ -50,7 +50,7 @@ EXPLAINED, LEAST_SLOPE, MOST_SLOPE = 0.6, 0.4, 1.6
 """Conditions for turns to count as responses: least share of their variance explained by the commands, and bounds of
 the gain of changes. Vehicles that follow have 0.8 and more, and 0.65 to 1.2."""
 FAR_OFF = 2.0
-"""Residual of a bin, in standard deviations, above which its weight decreases."""
+"""Residual of a bin, in standard deviations, above which the weight of the bin decreases."""
 KEPT = 4.0
 """Time for which commands are kept, s: the longest dead time and link delay."""
 
@@ -214,7 +214,7 @@ class ResponseLearner:
             self._learn(new.predicted, new.turned, new.width)
 
     def _weight(self, model: Array, rate: float) -> float:
-        """Weight of a bin: below 1 if it is far from the best candidate's prediction."""
+        """Weight of a bin: below 1 if its turn rate is far from the best candidate's prediction."""
         # A step that saturates the roll rate has a longer delay than any other. With full weight, one such step would
         # count for more than a minute on the circle.
         if self._fit is None:
@@ -244,7 +244,8 @@ class ResponseLearner:
         weight = np.exp(likely - likely.max())
         weight /= weight.sum()
         of_dead, of_answer = weight.sum(axis=1), weight.sum(axis=0)
-        # The sum of dead time and lag becomes observable first. Accept it at half of the prior's spread.
+        # The sum of dead time and lag becomes observable first. Accept the response once the sum has half of the
+        # prior's spread.
         middle = (weight * LOG_DELAYS).sum()
         if (weight * (LOG_DELAYS - middle) ** 2).sum() > (0.5 * PRIOR_SIGMA) ** 2:
             return
