@@ -255,7 +255,7 @@ TABLE = (
     Condition(
         "altitude_jumped", lambda p, now: p.tracker.height.jump, repeats=True,
         short="altitude jumped by {found:+.1f} m", over="altitude jumped back",
-        long="ALTITUDE JUMPED by {found:+.1f} m: the height above the target ignores the jump, compare the radius with "
+        long="ALTITUDE JUMPED by {found:+.1f} m: not applied to the height above the target, compare the radius with "
         "the map",
     ),
     Condition(
