@@ -306,7 +306,7 @@ def main() -> None:
     mind_output()
     try:
         if not 0 < unix_time() < YEAR_2100:
-            raise Refused("the clock of this computer is not between 1970 and 2100: set it")
+            raise Refused("the clock of this computer is not between 1970 and 2100: set the clock")
         result = circnav.main(prog_name="circnav", standalone_mode=False)
     except click.ClickException as error:
         error.show(shown := io.StringIO())

@@ -47,7 +47,7 @@ def _circle(summary: dict[str, Any]) -> list[str]:
     of_these = f" ({steered:.0f} s steered)" if flown - steered > NOTABLE else ""
     circles, wanted = summary["circles"], summary["circles_wanted_m"]
     lines = [
-        f"  before     {circle['desired_radius_m']:g} m, {circle['begun_s']:.0f} s on: "
+        f"  before     circle of {circle['desired_radius_m']:g} m, begun at {circle['begun_s']:.0f} s: "
         f"{_figures(circle, circle['desired_radius_m'])}"
         for circle in circles[:-1]
     ]
@@ -63,7 +63,7 @@ def _circle(summary: dict[str, Any]) -> list[str]:
         lines.append(f"             rotation {rotation}, closest approach {truth['closest_approach_m']:.1f} m")
     else:
         commanded = summary["direction_commanded"] or "none"
-        lines.append(f"  rotation   {commanded} commanded; range alone cannot confirm it")
+        lines.append(f"  rotation   {commanded} commanded; ranges cannot confirm the direction")
     return lines + _turn(summary)
 
 

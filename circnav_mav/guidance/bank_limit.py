@@ -12,7 +12,8 @@ STEADY, STEADY_FOR = 0.03, 1.0
 """Steady bank: largest difference from its mean over 1 s, as a share, and least duration, s. A rolling vehicle has no
 steady bank."""
 STOOD_LEAST, STOOD_MOST = 0.5, 20.0
-"""Time at the limit, s, before it is used, and time constant of its average, s: 1 % of it is 0.3 m of radius."""
+"""Time at the limit, s, before the limit is used, and time constant of its average, s: an error of 1 % costs 0.3 m of
+radius."""
 LONGEST_BANK_INTERVAL = 1.0
 """Longest time, s, from one report to the next for which a bank is integrated."""
 

@@ -21,7 +21,8 @@ from circnav_mav.guidance.maths import Array, Batch, Number, Pair, arctan2, hypo
 ANGLES = 72
 """Number of points of a lap: more points change the radius error by less than 2 %."""
 BENDS = 1e-3
-"""Weight of the curvature e + e'' relative to e: without it the planned turn jumps. It costs 2 % of radius error."""
+"""Weight of the curvature e + e'' relative to e: without this weight the planned turn jumps. The weight costs 2 % of
+radius error."""
 DRIFT_STEP, LIMIT_STEP = 1 / 200, 1 / 400
 """Grid of planned laps: drift in units of V, turn-rate limit in units of V/r_d. The estimates vary more than a cell."""
 SURE = 0.99

@@ -32,7 +32,7 @@ STEADY, STEADY_FOR = radians(1.5), 1.0
 """A steady lean: largest difference from its mean over a second, rad, and least duration, s. PX4's estimate of it
 varies by 1 deg RMS within seconds."""
 AGAIN = 3.0
-"""Time, s, after which the lean must be steady at the same angle, still or again."""
+"""Time, s, after the first steady lean, after which the lean must still or again be steady at the same angle."""
 NEAR_MOST = radians(2.5)
 """Largest difference of a limit below the largest lean so far, rad."""
 LONGEST_STEP = 0.5

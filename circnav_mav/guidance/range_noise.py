@@ -29,7 +29,8 @@ TURN_BUILDS = 0.4
 ROUNDING = 1e-6
 """Largest difference that is a rounding error."""
 FEW, REPEATS = 3, 10
-"""Equal values in a row: from FEW on they are not used for the noise; a frozen sensor has at least REPEATS."""
+"""Numbers of equal values in a row. From FEW on, these values are not used for the noise. A frozen sensor repeats its
+value at least REPEATS times."""
 
 
 class NoiseCheck:

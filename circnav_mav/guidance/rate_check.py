@@ -25,8 +25,8 @@ SURE = 4.0
 TOLERATED = 2.0
 """Additional tolerance, in standard deviations of the rate."""
 RETRY, LONGEST_RETRY = 10.0, 160.0
-"""Time, s, for which a rejected rate must agree with the ranges before it is trusted again, and its bound. It doubles
-each time."""
+"""Time, s, for which a rejected rate must agree with the ranges before it is trusted again, and its upper bound. The
+time doubles with each rejection."""
 
 
 class RateCheck:

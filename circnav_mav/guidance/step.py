@@ -35,14 +35,15 @@ from circnav_mav.guidance.types import SAME_TIME, Orbit, RangeEstimate, Relative
 from circnav_mav.guidance.vector_field import drift, drift_gains, mirrored, mirrored_pair, orbit_turn_rate
 
 LONGEST_STEP = 0.5
-"""Longest time step, s. A longer gap between two commands counts as this, so that no state builds up over it."""
+"""Longest time step, s. A longer gap between two commands counts as a step of this length, so that no state builds up
+over the gap."""
 AT_LIMIT = 0.99
-"""Share of the limit from which a command counts as saturated: during a handover it only approaches the limit."""
+"""Share of the limit from which a command counts as saturated: in a handover a command only approaches the limit."""
 NEAR, ALONG = 0.3, 0.4
 """Bounds for a vehicle already on its circle: radius error in units of the radius, range rate in units of V."""
 CHANGE_TIME = 1.3
 """Time constant of the filter on the estimated drift, s. A few bad ranges in a row move the estimate by 1 m/s for a
-moment. With a shorter time constant this would count as a change of the wind."""
+moment. With a shorter time constant this error would count as a change of the wind."""
 CIRCLING_PATIENCE = 10.0
 """Time, s, for which acquisition on the circle flies no hypothesis."""
 FIRST_TRIAL = 1.0
@@ -54,8 +55,8 @@ EXCITATION_SHARE, EXCITATION_PERIOD = 0.7, 6.0
 FADE = 0.2
 """Time constant of a handover, s."""
 LEAVES, LEAVES_FAST = 0.2, 0.4
-"""Range rates, in units of V, at which a departure begins and is complete. They apply outside the circle while the
-target position is not trusted. The command is blended towards the turn-rate limit between them."""
+"""Range rates, in units of V, between which the command is blended towards the turn-rate limit, to turn back a vehicle
+that flies away from the target. Both apply outside the circle while the target position is not trusted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,8 +130,8 @@ WHY = {
 class Handover(NamedTuple):
     """State of the handover between laws. flies: the law that steered last; -1: none. most_likely: number of the
     hypothesis flown last; -1: none. command: last command, rad/s. offset: decaying rest of the last change, rad/s.
-    untrusted: time since the target position was last trusted, s. about: side of the turn during a departure, +1 left,
-    else 0. searched: duration of the present search, s."""
+    untrusted: time since the target position was last trusted, s. about: side to which a vehicle that flies away from
+    the target turns back, +1 left, -1 right, 0 if it does not fly away. searched: duration of the present search, s."""
 
     flies: Array = -1
     most_likely: Array = -1
@@ -151,8 +152,8 @@ def next_handover(
     """Return the handover state with the command of this step, for the counter-clockwise orbit.
 
     most_likely: number of the most likely hypothesis during acquisition, else -1. by_range, drift_turn: turn rates of
-    feedforward and of the drift law, rad/s; drift_turn is valid only while the relative motion is available. leaves: 0:
-    not flying away from the target, 1: flying away at full speed.
+    feedforward and of the drift law, rad/s; drift_turn is valid only while the relative motion is available. leaves:
+    degree of flying away from the target, 0 to 1 (`_leaves`).
     """
     untrusted = where(trusted, 0.0, before.untrusted + dt)
     trial = logical_not(trusted) & (most_likely >= 0) & (untrusted >= FIRST_TRIAL - SAME_TIME)
@@ -161,9 +162,9 @@ def next_handover(
     excitation = EXCITATION_SHARE * limit * sin(2 * pi * untrusted / EXCITATION_PERIOD)
     drift_turn = drift_turn + where(trial & (untrusted > PATIENCE + SAME_TIME), excitation, 0.0)
     wanted = clip(where(flies == ActiveLaw.FEEDFORWARD, by_range, drift_turn), -limit, limit)
-    # A half circle to either side ends the departure, and the tightest one costs the least distance. Keep the side:
-    # hypotheses and excitation change the sign of the command, and alternating turns would lead straight away from the
-    # target.
+    # A vehicle that flies away from the target turns back by a half circle, to either side. The tightest half circle
+    # costs the least distance. Keep the side: hypotheses and excitation change the sign of the command, and alternating
+    # turns would lead straight away from the target.
     leaves, keeps = where(trusted, 0.0, leaves), (before.about != 0) & (untrusted > PATIENCE + SAME_TIME)
     about = where(leaves == 0, 0.0, where(keeps, before.about, where(wanted < 0, -1.0, 1.0)))
     wanted = wanted + leaves * (about * limit - wanted)
@@ -212,8 +213,8 @@ def _with_relative_motion(
         drift_y = where(follows, drift_y + share * (relative.drift_y - drift_y), relative.drift_y)
         change = (relative.drift_x - drift_x) / CHANGE_TIME, (relative.drift_y - drift_y) / CHANGE_TIME
         by_drift, trusted = _by_drift(settings, relative, change, inputs), relative.trusted
-    # Without relative motion there is no search: a vehicle that does not follow its commands for a minute has no known
-    # path. Its search begins when it follows again.
+    # Without relative motion there is no search: the path of a vehicle that does not follow its commands is unknown.
+    # The search begins when the vehicle follows again.
     last = before.handover if relative is not None else before.handover._replace(searched=0.0)
     handover = next_handover(
         last, dt, trusted=trusted, most_likely=_tried(last, settings, inputs),
@@ -239,7 +240,7 @@ def _tried(before: Handover, settings: StepSettings, inputs: Inputs) -> Array:
 
 
 def _leaves(settings: StepSettings, inputs: Inputs) -> Array:
-    """Degree of departure: 0: not flying away from the target, or the law is not `auto`; 1: at full speed."""
+    """Degree of flying away from the target. 0: not at all, or the law is not `auto`. 1: at LEAVES_FAST or faster."""
     outside = (inputs.r > settings.r_d) & (settings.law.kind is Kind.AUTO)
     fast = clip((inputs.r_dot / settings.V - LEAVES) / (LEAVES_FAST - LEAVES), 0.0, 1.0)
     return where(outside, fast, 0.0)
@@ -293,7 +294,7 @@ class Steering:
 
     def change(self, orbit: Orbit, choice: LawChoice) -> None:
         """Steer to another circle from now on. The state is kept, so that a small change is smooth. Raises ValueError
-        as above, and then keeps the circle."""
+        if this gain has no radius correction, and then keeps the circle."""
         self._settings, self._at_rest = StepSettings.of(orbit, choice), Pending(0.0, choice.lag)
 
     def __call__(

@@ -19,11 +19,11 @@ SILENCE = 1.0
 UNRESPONSIVE_AFTER = 1.0
 """Time of not turning as commanded, s, after which a vehicle counts as unresponsive: reversing a turn takes less."""
 OBEYS_AFTER = 2.0
-"""Time of turning as commanded, s, after which learning resumes. By then the response model no longer contains the
-commands that the vehicle never received."""
+"""Time of turning as commanded, s, after which learning resumes. After this time the response model no longer contains
+commands that the vehicle did not receive."""
 TAKEN_BACK = 4.0
-"""Time before a vehicle counts as unresponsive, s, whose learning is discarded. ArduPilot keeps the last command for
-3 s. While the commands do not change, this looks like following."""
+"""When a vehicle counts as unresponsive, what was learned in this time before, s, is discarded. ArduPilot keeps flying
+the last command for 3 s. While the commands do not change, this looks like following."""
 
 
 class LearnedResponse:

@@ -1,14 +1,14 @@
 """Monitor of commanded and flown turns over a sliding window: detects a vehicle that does not follow, and limit cycles.
 
-Both use bins of 0.2 s: commanded turn rate, flown turn rate (of a plane: that of its bank), and the prediction of each
-candidate of `turn_response`. Ranges are not used, so a wrong range raises no alarm.
+Both detectors use bins of 0.2 s: commanded turn rate, flown turn rate (of a plane: that of its bank), and the
+prediction of each candidate of `turn_response`. Ranges are not used, so a wrong range raises no alarm.
 
 Following: least squares of the flown on the predicted turns. A vehicle that follows has a gain of a third or more at
 one of the candidate delays. Otherwise the flight fits better to a constant turn (commands are ignored), a negative gain
 (reversed) or a gain below a fifth (weak).
 
-Limit cycle: autocorrelation of the fast part of the turns. In a limit cycle they repeat after one period and are
-reversed after half of it. Gusts and noise are as large, but have no period.
+Limit cycle: autocorrelation of the fast part of the turns. In a limit cycle the turns repeat after one period
+and are reversed after half a period. Gusts and noise are as large, but have no period.
 """
 
 from collections import deque
@@ -46,7 +46,7 @@ SWING_WINDOW, LEAST_SWING_WINDOW = 72, 36
 periods of 1.8 s."""
 LONGEST_PERIOD = 18
 """Longest period of a cycle, bins: 3.6 s. On firmware cycles had 1 to 4.6 s, most below 2.5 s. Slower ones look like
-acquisition: its excitation has 6 s, and its turns from one hypothesis to the next take 4.4 to 5 s."""
+acquisition: the excitation has a period of 6 s, and turns from one hypothesis to the next take 4.4 to 5 s."""
 PERIODS = 4.0
 """Least number of periods in the window: more than the alternating turns of an approach, or gusts that repeat by
 chance."""
@@ -59,8 +59,9 @@ REPEATS, REVERSES = 0.8, -0.75
 vehicles, limit cycles have magnitudes of 0.9 and more. Stable loops in gusts of 3 m/s have 0.6, approaches and
 acquisition at most 0.71."""
 LOWERED, LEAST = 0.7, 0.15
-"""Factor on the gains after each limit cycle, and least share of the gains. A loop with a damping of 0.06 is quiet at a
-third of the gains, one with 0.05 at 3 rad/s at a sixth. A tenth did not hold a circle of 60 m in wind (71 m off)."""
+"""Factor on the gains after each limit cycle, and least share of the gains. A vehicle whose own turn loop
+has a damping of 0.06 is quiet at a third of the gains, with 0.05 at 3 rad/s at a sixth. A tenth of the gains did not
+hold a circle of 60 m in wind (71 m off)."""
 
 
 class Swing(NamedTuple):
@@ -90,9 +91,9 @@ class TurnBin(NamedTuple):
 class TurnMonitor:
     """Detects a vehicle that does not follow, and lowers the gains in a limit cycle.
 
-    follows: False while the vehicle does not follow turn commands. since: time of that verdict, s; inf if it follows.
-    share: factor on the gains. cycles: number of reductions. swing: oscillation of the newest bins. swings: True while
-    the turn is in a limit cycle.
+    follows: False while the vehicle does not follow turn commands. since: time of that verdict, s; inf if the vehicle
+    follows. share: factor on the gains. cycles: number of reductions. swing: oscillation of the newest bins. swings:
+    True while the turn is in a limit cycle.
     """
 
     def __init__(self, limit: float) -> None:

@@ -2,7 +2,8 @@
 
 Each candidate is a dead time and a response of first order (a lag) or of second order (a frequency and a damping). The
 candidates cover the measured range of real firmware (ArduPilot, PX4). Least squares of the turned angle in short bins
-weight them, with a prior about the mission's `turn_lag_s`. `turn_gain` learns the gain. `turn_answer` combines both.
+weight the candidates, with a prior about the mission's `turn_lag_s`. `turn_gain` learns the gain. `turn_answer`
+combines response and gain.
 """
 
 from collections import deque
@@ -29,27 +30,27 @@ RINGING = np.array([*(1 / lag for lag in FIRST_ORDER), *(damping * frequency for
 """Settling rate of each response, 1/s."""
 _SECOND = [complex(-z * f, f * (1 - z * z) ** 0.5) for f, z in SECOND_ORDER]
 POLES = np.array([*(complex(-1 / lag) for lag in FIRST_ORDER), *_SECOND])
-"""Pole of each response, 1/s; of a complex pair the upper one."""
+"""Pole of each response, 1/s. A second-order response has a complex pair: the pole with positive imaginary part."""
 RESIDUES = np.array(
     [*(complex(0.5 / lag) for lag in FIRST_ORDER),
      *(f * f / (2j * pole.imag) for (f, _), pole in zip(SECOND_ORDER, _SECOND, strict=True))]
 )  # fmt: skip
 """Residue of each response, 1/s. The response is 2 Re(q) of one complex mode, q' = pole q + residue command."""
 STEADY = -RESIDUES / POLES
-"""Steady state of each mode under a constant command of 1."""
+"""Steady state of each mode under a constant turn command of 1 rad/s."""
 MEMORY = 90.0
 """Forgetting time of the least squares, s. Load and airspeed change slowly, and steady circling adds no information."""
 PRIOR_SIGMA = 0.6
 """Standard deviation of the logarithm of dead time plus lag about the mission's value."""
 SPLIT_SIGMA = 0.5
-"""Standard deviation of the lag's share of this sum about 0.5."""
+"""Standard deviation of the lag's share of dead time plus lag, about 0.5."""
 LEAST_NOISE = 0.01
 """Lower bound of the noise of a bin's mean turn rate, rad/s, from gusts and the gyro."""
 EXPLAINED, LEAST_SLOPE, MOST_SLOPE = 0.6, 0.4, 1.6
 """Conditions for turns to count as responses: least share of their variance explained by the commands, and bounds of
 the gain of changes. Vehicles that follow have 0.8 and more, and 0.65 to 1.2."""
 FAR_OFF = 2.0
-"""Residual of a bin, in standard deviations, above which its weight decreases."""
+"""Residual of a bin, in standard deviations, above which the weight of the bin decreases."""
 KEPT = 4.0
 """Time for which commands are kept, s: the longest dead time and link delay."""
 
@@ -125,7 +126,7 @@ class CandidateTurns:
 
 
 class Binned(NamedTuple):
-    """Mean turn rates of a bin, rad/s. width: s. predicted: by each candidate. turned: as flown."""
+    """Mean turn rates of a bin, rad/s. width: its duration, s. predicted: by each candidate. turned: as flown."""
 
     width: float
     predicted: Array
@@ -172,7 +173,8 @@ class ResponseLearner:
         prior = (LOG_DELAYS - log(max(expected, 0.05))) / PRIOR_SIGMA
         self._prior = -0.5 * (prior**2 + ((LAGS / DELAYS - 0.5) / SPLIT_SIGMA) ** 2)
         self._sums: tuple[Array, ...] = (0.0,) * 6
-        """Sums of 1, model, rate, model^2, model rate and rate^2. The model is an array of all candidates."""
+        """Weighted sums over the bins of 1, x, y, x^2, x y and y^2. x: turn rates that the candidates predict, rad/s,
+        an array. y: flown turn rate, rad/s."""
         self.candidates = CandidateTurns()
         self._bins = TurnBins(self.candidates)
         self._fit: tuple[Array, float, float, float] | None = None
@@ -212,7 +214,7 @@ class ResponseLearner:
             self._learn(new.predicted, new.turned, new.width)
 
     def _weight(self, model: Array, rate: float) -> float:
-        """Weight of a bin: below 1 if it is far from the best candidate's prediction."""
+        """Weight of a bin: below 1 if its turn rate is far from the best candidate's prediction."""
         # A step that saturates the roll rate has a longer delay than any other. With full weight, one such step would
         # count for more than a minute on the circle.
         if self._fit is None:
@@ -242,7 +244,8 @@ class ResponseLearner:
         weight = np.exp(likely - likely.max())
         weight /= weight.sum()
         of_dead, of_answer = weight.sum(axis=1), weight.sum(axis=0)
-        # The sum of dead time and lag becomes observable first. Accept it at half of the prior's spread.
+        # The sum of dead time and lag becomes observable first. Accept the response once the sum has half of the
+        # prior's spread.
         middle = (weight * LOG_DELAYS).sum()
         if (weight * (LOG_DELAYS - middle) ** 2).sum() > (0.5 * PRIOR_SIGMA) ** 2:
             return

@@ -7,7 +7,7 @@ from circnav_mav.guidance.laws import tolerated_drift
 from circnav_mav.guidance.types import Orbit, RangeEstimate
 
 TRIM_NEAR = 0.2
-"""Radius error, as a fraction of the radius, up to which the trim grows: there the law is linear. At larger errors the
+"""Radius error, as a fraction of the radius, up to which the trim grows, because the law is linear there. Above it, the
 trim only shrinks, because the trim itself may be the cause of the error."""
 MOST_TRIM = 0.15
 """Bound of the trim, as a fraction of the radius."""
@@ -25,9 +25,9 @@ def next_trim(
 ) -> float:
     """Return the radius trim (m), which is added to the radius that the law is fed.
 
-    trim: before. rate: of the integral, 1/s. r: range, m. change: of the range during the step, m. step: s. The trim
-    integrates against errors that do not close by themselves. It uses the change of the range, because a lasting error
-    of the estimated range rate would become a radius error.
+    trim: trim before this step, m. rate: of the integral, 1/s. r: range, m. change: of the range during the step, m.
+    step: s. The trim integrates against errors that do not close by themselves. It uses the change of the range,
+    because a lasting error of the estimated range rate would become a radius error.
 
     Laws assume that speed and turn rate are as commanded. A vehicle with a true airspeed 6 % above the indicated one
     flies 2 m outside a circle of 150 m.

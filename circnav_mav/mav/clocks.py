@@ -23,7 +23,7 @@ STEP = 0.15
 RISE = 0.4
 """Share of a step that must appear between two successive samples. Growing congestion raises the lag gradually."""
 STEADY, STEADY_SAMPLES = 0.5, 3
-"""Time, s, and number of samples for which lags must stay at their new level."""
+"""Time, s, and number of samples for which lags must stay at a new level before the clock estimate follows them."""
 FALL = 0.03
 """Fall of the lag, s, that indicates a draining queue. A queue with 6 % of spare capacity falls by this in STEADY.
 Clock rates differ by a thousandth of that."""

@@ -15,7 +15,8 @@ MAVLINK_1_ONLY = "sends MAVLink 1 only: set its port to MAVLink 2 (ArduPilot: SE
 AUTOPILOT_COMPONENT = dialect.MAV_COMP_ID_AUTOPILOT1
 NO_AUTOPILOT = (dialect.MAV_AUTOPILOT_INVALID, dialect.MAV_AUTOPILOT_GENERIC)
 MOVES_AFTER = 1.5
-"""Silence of the vehicle's address, s, after which the vehicle may move to another one. Any message ends it."""
+"""Silence of the vehicle's address, s, after which the vehicle may move to another address. Any message ends the
+silence."""
 PROOF_LASTS = 2.0
 """Time, s, for which a proof of the vehicle's identity is valid: two heartbeats of PX4."""
 MOST_MISFITS = 16

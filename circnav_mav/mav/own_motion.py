@@ -39,7 +39,7 @@ MOST_ANGLE, MOST_RATE, MOST_AIRSPEED, MOST_ALTITUDE = 6.3, 50.0, 200.0, 1e5
 NO_ROTATION = 0.1
 """Largest deviation of a quaternion's norm from 1. A quaternion beyond it is discarded."""
 FLOWN_ALTITUDES = -500.0, 6_000.0
-"""Range of altitudes, m, for which the air density is corrected. Others are clipped to it."""
+"""Range of altitudes, m, for which the air density is corrected. Other altitudes are clipped to this range."""
 YAW_JUMP = 0.35
 """Difference between the reported and the predicted yaw, rad, above which the autopilot has reset its yaw. Real turns
 stay far below: a change of 90 deg/s within 0.1 s gives 0.08 rad."""

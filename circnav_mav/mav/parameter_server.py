@@ -20,7 +20,7 @@ REQUESTS = frozenset(
 EVERY_COMPONENT = 0
 """Target component of a request to all components (MAVLink)."""
 MOST_AT_ONCE = 2
-"""Most values sent in one step. A whole list at once would delay setpoints on a slow link."""
+"""Largest number of values sent in one step. A whole list at once would delay setpoints on a slow link."""
 
 
 class Parameter(NamedTuple):

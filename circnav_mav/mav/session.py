@@ -28,7 +28,7 @@ TWIN_FRAMES, TWIN_WITHIN = 4, 10.0
 """Number of foreign frames with our ids within this time, s, that indicates another companion: it sends at least one
 heartbeat per second. A single stray frame is ignored."""
 MOST_REPLIES = 4
-"""Most TIMESYNC answers in one step: a flood is not answered."""
+"""Largest number of TIMESYNC answers in one step: a flood of requests is not answered."""
 ECHO_RATE = 4.0
 """Requested rate of the vehicle's setpoint reports, Hz."""
 ECHOES = ("POSITION_TARGET_LOCAL_NED", "ATTITUDE_TARGET", "NAV_CONTROLLER_OUTPUT")

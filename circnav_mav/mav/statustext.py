@@ -78,7 +78,7 @@ class TextReader:
         self._newest: dict[Ids, tuple[int, int, str]] = {}
 
     def read(self, message: Message) -> tuple[str, str | None]:
-        """Return the text so far and the shorter text that it continues. The latter is None for a new text."""
+        """Return the text so far and the shorter text that it continues. The shorter text is None for a new text."""
         sender = ids(message)
         ident, number, before = self._newest.get(sender, (0, 0, ""))
         continues = message.id != 0 and (message.id, message.chunk_seq) == (ident, number + 1)

@@ -52,7 +52,7 @@ class VehicleState:
         """Time of the vehicle's last mode report, s."""
         self.heartbeats = 0
         self.departures = 0
-        """Number of times that the vehicle left the guided mode or was disarmed in it, also between two polls."""
+        """Number of times that the vehicle left the guided mode or was disarmed in it, also between two steps."""
         self.left_for: str | None = None
         """Mode entered at the newest departure, None if the vehicle was disarmed."""
         self.on_ground: bool | None = None
@@ -114,7 +114,7 @@ class VehicleState:
             self._on_mode(message.custom_mode, bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED), now)
             self.heartbeats += not self._late
         elif kind == "CURRENT_MODE" and message.custom_mode:
-            # It reports the mode like a heartbeat does. PX4 sends heartbeats at 1 Hz only, and some are lost.
+            # CURRENT_MODE reports the mode as a heartbeat does. PX4 sends heartbeats at 1 Hz only, and some are lost.
             self._on_mode(message.custom_mode, self.armed, now)
         elif kind in BOOT_TIMES:
             self._on_boot_time(message.time_boot_ms / 1000, now)

@@ -20,9 +20,9 @@ from circnav_mav.mission.schema import advice
 WEAK = 0.1
 """Share of the default gain below which a law hardly turns the vehicle."""
 RADIUS_OFF = 0.01
-"""Largest steady radius error of a law without a warning, as a share of the radius: within the scatter of ranges."""
+"""Largest steady radius error of a law without a warning, as a share of the radius: less than the ranges scatter."""
 TURN_USED = 0.7
-"""Share of the vehicle's turn rate that the circle may use. The rest is for wind and the approach."""
+"""Share of the vehicle's turn rate that the circle may need. The remaining share is for wind and the approach."""
 NEED_MOTION = frozenset({"drift", "unicycle"})
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 """Hosts of endpoints that only this computer can reach."""
@@ -64,7 +64,7 @@ def _vehicle(mission: Mission) -> Iterator[Check]:
     autopilot, kind = mission.vehicle_key
     able = allowed(autopilot, kind)
     if not able:
-        reason = REFUSED.get((autopilot, kind), "MAVLink offers no way to steer it without its position")
+        reason = REFUSED.get((autopilot, kind), "MAVLink offers no way to steer this vehicle without its position")
         yield Check(FAIL, "autopilot", f"{autopilot} {kind} cannot be flown: {reason}")
         return
     yield Check(PASS, "autopilot", " or ".join(" ".join(one) for one in able))
@@ -90,7 +90,7 @@ def _estimator(mission: Mission) -> Iterator[Check]:
     if mission.estimator not in NEED_MOTION:
         return
     if mission.vehicles and not any(one.measures_airspeed for one in mission.vehicles):
-        needs = f"{mission.estimator} needs the vehicle's airspeed before it can be engaged"
+        needs = f"{mission.estimator} needs the airspeed before the vehicle can be engaged"
         why = f"a {mission.file.vehicle.kind} measures none: its speed is given only while circnav steers"
         yield Check(FAIL, "estimator", f'{needs}, and {why}. Set guidance.estimator = "auto"')
 
@@ -141,7 +141,7 @@ def _turn_rate(mission: Mission) -> Iterator[Check]:
     yield Check(graded(needed / able, warn_above=TURN_USED, fail_above=1.0), "turn rate", f"{words} ({share}){slips}")
     if mission.law.name == "switching" and mission.law.gain > orbit.max_turn_rate:
         words = f"the law switches between ±{degrees(mission.law.gain):.2f} deg/s, more than the vehicle's limit"
-        yield Check(WARN, "turn rate", f"{words}, which is flown instead")
+        yield Check(WARN, "turn rate", f"{words}: the vehicle turns at its limit instead")
 
 
 def expected_turn_gain(mission: Mission) -> float:
@@ -151,8 +151,8 @@ def expected_turn_gain(mission: Mission) -> float:
 
 
 def drift_allowed(mission: Mission) -> float:
-    """Return the largest drift (wind minus target velocity), m/s, in which the circle can be held. Not positive if it
-    cannot be held in still air."""
+    """Return the largest drift (wind minus target velocity), m/s, in which the circle can be held. Not positive if the
+    circle cannot be held in still air."""
     orbit = mission.orbit
     return tolerated_drift(orbit.speed, min(mission.radii), orbit.max_turn_rate * expected_turn_gain(mission))
 
@@ -162,9 +162,7 @@ def _drift(mission: Mission) -> Iterator[Check]:
     orbit, gain, tolerated = mission.orbit, expected_turn_gain(mission), drift_allowed(mission)
     if tolerated > 0:
         rest = (
-            ""
-            if mission.file.guidance.law in DRIFT_LAWS
-            else f"; the law {mission.law.name} does not compensate for it"
+            "" if mission.file.guidance.law in DRIFT_LAWS else f"; the law {mission.law.name} does not correct for wind"
         )
         most = f"up to {tolerated:.1f} m/s of wind minus target motion ({100 * tolerated / orbit.speed:.0f} % of V)"
         words = f"the circle can be flown in {most}: (V + W)^2/(V max turn rate) <= r_d{rest}"
@@ -176,8 +174,8 @@ def _drift(mission: Mission) -> Iterator[Check]:
 
 
 def drift_with_loop_margin(mission: Mission, most: float) -> float | None:
-    """Return the largest drift up to `most`, m/s, in which the turn loop keeps its margin; negative if it has none even
-    in still air. None for a law without this loop."""
+    """Return the largest drift up to `most`, m/s, in which the turn loop keeps its stability margin. Negative if the
+    margin is missing even in still air. None for a law without this loop."""
     orbit, allowed_drift, delay = mission.orbit, drift_allowed(mission), mission.file.vehicle.turn_lag_s
     if mission.law.name not in DRIFT_LAWS or allowed_drift <= 0 or delay <= 0:
         return None
@@ -189,7 +187,7 @@ def _design_drift(mission: Mission) -> float:
 
 
 def _turn_loop(mission: Mission) -> tuple[float, float, float]:
-    """Return delay (s), delay of the reported turn (s) and turn-rate limit (rad/s)."""
+    """Return delay from a command to its turn (s), delay of the reported turn rate (s) and turn-rate limit (rad/s)."""
     late = MEASUREMENT_DELAY if any(one.banks for one in mission.vehicles) else 0.0
     return mission.file.vehicle.turn_lag_s, late, mission.orbit.max_turn_rate
 
@@ -226,7 +224,7 @@ def _laps(mission: Mission) -> Iterator[Check]:
     yield Check(
         graded(needed / given, warn_above=0.6, fail_above=1.0),
         "laps",
-        f"{words}, without the flights between the circles",
+        f"{words}, not counting the time from one circle to the next",
     )
 
 

@@ -14,8 +14,8 @@ LOOP_BOUND = 0.4
 REACH = 0.8
 """Largest range on the circle, as a share of the maximum range."""
 HEIGHT_COST = 0.3
-"""Radius error per height error (m/m) above which the height must be accurate: typical guesses, wrong by a few meters,
-then cause a radius error of 1 m or more."""
+"""Radius error per height error (m/m) above which the height must be accurate: a height that is wrong by a few meters
+then causes a radius error of 1 m or more."""
 ROOM = 0.1
 """Least distance between the circle and the bounds of the range, as a share of the radius."""
 
@@ -79,7 +79,9 @@ def _calibration(mission: Mission) -> Iterator[Check]:
     if points and not points[0][0] <= slant <= points[-1][0]:
         span = f"{points[0][0]:g} to {points[-1][0]:g} m"
         yield Check(
-            WARN, "calibration", f"ranging.points_m covers {span}, the circle is at {slant:.1f} m: add a point there"
+            WARN,
+            "calibration",
+            f"ranging.points_m covers {span}, the range on the circle is {slant:.1f} m: add a point near it",
         )
 
 
@@ -90,7 +92,7 @@ def _sampling(mission: Mission) -> Iterator[Check]:
     yield Check(graded(period / stale, warn_above=0.5, fail_above=1.0), "sampling", words)
     if LAWS[mission.law.name].switches:
         turn = min(mission.law.gain, mission.orbit.max_turn_rate) * period
-        bounds = "above 0.05 the vehicle drifts off the circle, above 0.5 it leaves it"
+        bounds = "above 0.05 the vehicle drifts off the circle, above 0.5 it leaves the circle"
         words = f"the vehicle turns {turn:.3f} rad between two ranges ({bounds})"
         yield Check(graded(turn, warn_above=0.05, fail_above=0.5), "switching", words)
 
@@ -105,7 +107,7 @@ def _noise(mission: Mission) -> Iterator[Check]:
     if mission.law.name == "smooth":
         loop = 2 * mission.law.gain * orbit.radius * orbit.speed * mission.loop_lag
         lags = f"turn lag {file.vehicle.turn_lag_s:g} s + filter lag {steady.lag:.2f} s"
-        words = f"2 k r_d V ({lags}) = {loop:.2f}, should be below {LOOP_BOUND:g} or the circle oscillates"
+        words = f"2 k r_d V ({lags}) = {loop:.2f}: above {LOOP_BOUND:g} the radius oscillates"
         yield Check(graded(loop, warn_above=LOOP_BOUND, fail_above=4 * LOOP_BOUND), "damping", words)
 
 
@@ -113,7 +115,9 @@ def _slant(mission: Mission) -> Iterator[Check]:
     radius, height = mission.orbit.radius, mission.file.orbit.height_above_target_m
     if mission.height.needs_altitude:
         yield Check(
-            PASS, "height", "above the target, from the vehicle's altitude in flight; preflight prints the current one"
+            PASS,
+            "height",
+            "above the target, from the vehicle's altitude in flight; preflight prints the current height",
         )
     elif height is None:
         none = "none of orbit.height_above_target_m, target_altitude_m, target_above_home_m is given"
@@ -121,7 +125,7 @@ def _slant(mission: Mission) -> Iterator[Check]:
         yield Check(WARN, "height", f"{none}: ranges are taken as horizontal ({cost})")
     else:
         growth = sqrt(radius**2 + height**2) / radius
-        counts = f"it multiplies the range noise by {growth:.2f} (at most {MAX_SIGMA_GROWTH:g})"
+        counts = f"removing the height multiplies the range noise by {growth:.2f} (at most {MAX_SIGMA_GROWTH:g})"
         grade = graded(growth, warn_above=1.5, fail_above=MAX_SIGMA_GROWTH)
         yield Check(grade, "height", f"{height:g} m above the target: {counts}")
         yield height_cost(mission, height)

@@ -23,7 +23,8 @@ def _of_endpoints(file: MissionFile) -> Iterator[str]:
     if ranging.endpoint == SIM and file.link.endpoint != SIM:
         yield f'ranging.endpoint: is "{SIM}", but the vehicle is not the bundled one: --set ranging.endpoint=URL'
     if ranging.endpoint == file.link.endpoint and ranging.endpoint.startswith(("udpin:", "udp:", "serial:")):
-        yield f'ranging.endpoint: is "{ranging.endpoint}" as link.endpoint: omit it if ranges arrive on that link'
+        remedy = "omit ranging.endpoint if ranges arrive on that link"
+        yield f'ranging.endpoint: is "{ranging.endpoint}" as link.endpoint: {remedy}'
     if split_driver(ranging.endpoint or "")[0] and ranging.message != "ranging_beacon":
         yield f'ranging.message: is "{ranging.message}": set "ranging_beacon", which drivers produce'
     if file.signing and file.signing.accept_unsigned == "ranging" and ranging.endpoint is None:
@@ -53,10 +54,10 @@ def _of_pairs(file: MissionFile) -> Iterator[str]:
     ways = ("height_above_target_m", "target_altitude_m", "target_above_home_m")
     given = [f"orbit.{way}" for way in ways if getattr(file.orbit, way) is not None]
     if len(given) > 1:
-        yield f"{' and '.join(given)}: only one of them may be given: keep one"
+        yield f"{' and '.join(given)}: only one of them may be given: delete the other keys"
     # With the bounds in the wrong order, a flight would end at once.
     for quantity in ("range_m", "altitude_m"):
         low, high = (getattr(file.bounds, f"{side}_{quantity}") for side in ("min", "max"))
         if low is not None and high is not None and low >= high:
             most = f"bounds.max_{quantity} = {high:g}"
-            yield f"bounds.min_{quantity}: {low:g} is not below {most}: lower it, or raise the other"
+            yield f"bounds.min_{quantity}: {low:g} is not below {most}: lower the first, or raise the second"

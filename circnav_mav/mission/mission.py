@@ -28,12 +28,12 @@ STALE_PERIODS, LEAST_STALE = 2.5, 0.5
 """Default of `limits.stale_s`, in periods of the radio, and its minimum, s. A single lost range does not interrupt
 steering."""
 END_SHARE, CARRIES_FAR = 0.975, 1000.0
-"""Default of `bounds.max_range_m` as a share of the largest range that the message can carry. It is used only for
-messages whose largest range is below the second value, m."""
+"""Default of `bounds.max_range_m`, as a share of the largest range that the message can carry. Only messages whose
+largest range is below the second value, m, have this default."""
 SLOWEST_ANSWER = 1.2
-"""Largest round trip of the link for an engagement, as a multiple of the age of the oldest range that may steer."""
+"""Largest round trip of the link with which the vehicle is engaged, as a multiple of `limits.stale_s`."""
 LONGEST_OUTAGE = 60.0
-"""Silence of the vehicle, s, after which the mission does not resume. A longer `limits.hold_s` replaces it."""
+"""Silence of the vehicle, s, after which the mission does not resume. A longer `limits.hold_s` is used instead."""
 SIM = "sim"
 """Endpoint of the bundled vehicle."""
 
@@ -132,8 +132,8 @@ class Mission:
 
     @property
     def farthest(self) -> float | None:
-        """Horizontal range at which the flight ends, m, or None. It is the file's bound, or slightly less than the
-        largest range of a message with a short limit."""
+        """Horizontal range at which the flight ends, m, or None: the file's bound, or slightly less than the largest
+        range of a message with a short limit."""
         end = self.max_range
         return self.file.bounds.max_range_m or (END_SHARE * end if end < CARRIES_FAR else None)
 
@@ -146,8 +146,8 @@ class Mission:
 
     @property
     def slowest_answer(self) -> float:
-        """Round trip of the link above which the vehicle is not engaged, s. Half of it adds to the age of each
-        range."""
+        """Round trip of the link above which the vehicle is not engaged, s. Half of the round trip adds to the age of
+        each range."""
         return SLOWEST_ANSWER * self.stale
 
     @property

@@ -17,7 +17,7 @@ from circnav_mav.pilot.preflight_listener import PreflightListener
 LOW_RATE = 0.5
 """Share of the requested rate below which a stream counts as missing."""
 SILENT = 2.0
-"""Age of the newest heartbeat, s, above which at least one was lost: autopilots send one a second."""
+"""Age of the newest heartbeat, s, above which at least one heartbeat was lost: autopilots send one a second."""
 SLOW_ROUND_TRIP = 0.1
 """Round trip to the autopilot, s, above which the delay is no longer small compared to a turn lag of 0.4 s."""
 LEAST_SPAN = 1.0
@@ -96,7 +96,7 @@ def _signing(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
             yield Check(WARN, "signing", f"{words}: our frames may be rejected; set signing.key_file")
         elif received.zero_key:
             words = "the autopilot signs with the all-zero key, as PX4 does without a key"
-            yield Check(PASS, "signing", f"{words}: it accepts unsigned frames, the link is not signed")
+            yield Check(PASS, "signing", f"{words}, and accepts unsigned frames: the link is not protected")
     elif received.refused:
         why = ", ".join(f"{count} {reason}" for reason, count in sorted(received.refused.items()))
         yield Check(WARN, "signing", f"{received.refused.total()} of {received.frames} frames rejected: {why}")
@@ -119,7 +119,7 @@ def _company(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
     if peripherals := session.ignored["no_autopilot"]:
         ids = "{}/{}".format(*session.vehicle_ids)
         words = f"{peripherals} heartbeats with the vehicle's ids {ids} of a component that is no autopilot"
-        yield Check(WARN, "others", f"{words}: give it another component id")
+        yield Check(WARN, "others", f"{words}: give that component another id")
     for rival in second_senders:
         of_driver = mission.ranging_driver is not None and rival.startswith(RADIO_NAME)
         advice = "ranging.beacon_id" if of_driver else "link.peer, or sign"

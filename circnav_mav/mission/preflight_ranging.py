@@ -14,17 +14,18 @@ from circnav_mav.pilot import RANGING, VEHICLE
 from circnav_mav.pilot.preflight_listener import PreflightListener, ReceivedRange
 
 FULL_RATE = 0.8
-"""Share of the requested rate above which a rate counts as full."""
+"""Share of the expected rate (`ranging.rate_hz`, or of a requested stream) from which a measured rate passes."""
 SPEED_OFF = 0.03
-"""Largest relative difference of the autopilot's clock from ours. Above it, it is a simulator at another speed."""
+"""Largest relative difference between the speeds of another clock and of ours. A larger one: a simulator at another
+speed, or a wrong clock."""
 NOISE_NEAR, NOISE_FAR = 1.5, 4.0
 """Ratio of measured to assumed noise: PASS up to the first, FAIL above the second. For n residuals both bounds are
-multiplied by 1 + 1/sqrt(n). A correct 0.5 m is then doubted in 3 of 1000 surveys of 10 ranges, and in none of 20,000
-surveys of 50 ranges."""
+multiplied by 1 + 1/sqrt(n). A correct value of 0.5 m then fails to pass in 3 of 1000 preflights with 10 ranges, and in
+none of 20,000 with 50 ranges."""
 MOST_REJECTED = 0.1
 """Share of rejected ranges above which preflight warns; chosen."""
 MOST_OUTLIERS = 0.05
-"""Share of outliers above which preflight warns; chosen, half of that in the benchmark."""
+"""Share of outliers above which preflight warns; chosen, half of the share in the benchmark."""
 LATE = 0.1
 """Delay of a range on the link, s, above which preflight warns; chosen, two ticks."""
 
@@ -35,7 +36,7 @@ def judge_ranging(mission: Mission, listener: PreflightListener) -> Iterator[Che
     yield from _height(mission, listener, height)
     if choice := listener.ranging.sources.choice(listener.end):
         # noise, age and distance of ranges to two targets have no meaning
-        yield Check(FAIL, "ranging", f"{choice}. A flight would not engage")
+        yield Check(FAIL, "ranging", f"{choice}. A flight would not engage the vehicle")
         return
     yield _received(mission, listener)
     yield _rejected(mission, listener)
@@ -97,7 +98,7 @@ def _rates(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
     noise = bulk_sigma([residual(*three) for three in zip(timed, timed[1:], timed[2:], strict=False)])
     enough, quiet = rate >= FULL_RATE * wanted, noise <= NOISE_NEAR * RATE_SIGMA * (1 + 1 / sqrt(len(values)))
     spread = f"standard deviation {noise:.2f} m/s, {RATE_SIGMA} m/s assumed"
-    advice = "" if quiet else ": the measured value is used in flight"
+    advice = "" if quiet else ": in flight the measured standard deviation is used"
     words = f"{name} {rate:.1f} Hz, newest {values[-1]:+.2f} m/s; {spread}{advice}"
     yield Check(PASS if enough and quiet else WARN, "range rate", words)
 
@@ -118,7 +119,7 @@ def _noise(mission: Mission, ranges: Sequence[ReceivedRange]) -> Iterator[Check]
     yield Check(grade, "noise", f"standard deviation {noise:.2f} m, assumed {assumed:.2f} m{advice}")
     gate = mission.estimation.gate * assumed
     share = outliers_among(residuals, gate)
-    words = f"about {100 * share:.0f} % of the ranges are wrong by more than {gate:.1f} m"
+    words = f"about {100 * share:.0f} % of the ranges are outliers, wrong by more than {gate:.1f} m"
     yield Check(PASS if share <= MOST_OUTLIERS else WARN, "outliers", words)
 
 
@@ -145,8 +146,8 @@ def _age(mission: Mission, listener: PreflightListener) -> Check:
 
 
 def _stamps(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
-    """Check the speed of the sensor's clock. No line if it is wrong by the same factor as the autopilot's clock, which
-    is checked separately."""
+    """Check the speed of the sensor's clock. No line if it is wrong by the same factor as the speed of the autopilot's
+    clock, which is checked separately."""
     ranges, boot = listener.ranges, listener.boot
     if mission.file.ranging.stamp == "arrival":
         yield Check(PASS, "stamps", 'arrival times are used (ranging.stamp = "arrival")')

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 MOST_PROBLEMS, MOST_SHOWN = 8, 60
-"""Most problems listed in one line, and most characters shown of a wrong value."""
+"""Largest number of problems in one line, and of characters shown of a wrong value."""
 _BOUNDS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
 
 

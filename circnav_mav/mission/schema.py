@@ -29,9 +29,9 @@ MAX_PATIENCE = 3600.0
 """Longest time, s, that a flight continues without ranges, or while turn commands are not followed. Larger values were
 probably meant in ms, and would disable the exit action."""
 MAX_NAME = 100
-"""Most characters of a mission's name. The name of the run folder consists of a time and this name."""
+"""Largest number of characters in a mission's name. The name of the run folder consists of a time and this name."""
 MAX_CIRCLES = 50
-"""Most circles of a mission. The live page receives all of them in one line through a pipe, at most 4 kB long."""
+"""Largest number of circles. The live page receives all circles in one line through a pipe, at most 4 kB long."""
 Positive = Annotated[float, Field(gt=0, le=FAR)]
 NotNegative = Annotated[float, Field(ge=0, le=FAR)]
 Patience = Annotated[float, Field(ge=0, le=MAX_PATIENCE)]
@@ -96,7 +96,7 @@ REMOVED = {
     "ranging.min_range_m": "the limit that the message reports",
     "ranging.max_range_m": "the limit that the message reports",
     "ranging.rate_sigma_mps": "0.3 m/s until it is measured in flight",
-    "ranging.resent": "that repeated values count once",
+    "ranging.resent": "repeated values count once",
     "link.sim_speed": "the option --speed of circnav fly",
     "limits.outage_s": "60 s, or limits.hold_s if that is longer",
     "limits.round_trip_s": "1.2 times limits.stale_s",
@@ -116,8 +116,8 @@ def advice(removed: Iterable[str]) -> str:
 
 
 class Table(BaseModel):
-    """A table that rejects unknown keys, silent conversions, NaN and infinity. TOML allows NaN and infinity, but such a
-    bound would act never, or always."""
+    """A table that rejects unknown keys, silent conversions, NaN and infinity. TOML allows both, but a bound with
+    such a value would act never, or always."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
@@ -187,7 +187,9 @@ class RangingTable(Table):
     @model_validator(mode="after")
     def _one_calibration(self) -> Self:
         if self.points_m is not None and (self.scale, self.bias_m) != (1.0, 0.0):
-            raise PydanticCustomError("calibration", "points_m includes scale and bias_m: give one or the other")
+            raise PydanticCustomError(
+                "calibration", "points_m replaces scale and bias_m: give either points_m, or scale and bias_m"
+            )
         return self
 
     @property

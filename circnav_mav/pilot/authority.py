@@ -11,8 +11,8 @@ from circnav_mav.pilot.mode_request import ModeRequest
 from circnav_mav.pilot.settings import OutputMode, PilotSettings
 
 GIVEN_AFTER = 1.5
-"""Time, s, that the guided mode must last, by consecutive reports, before the vehicle is considered returned. A mode
-switch may pass through that mode, and older reports may arrive late over another link."""
+"""Time, s, that consecutive reports must show the guided mode before circnav takes control again. A mode switch may
+pass through that mode, and older reports may arrive late over another link."""
 TAKEN_OVER = "taken over"
 """First words of all STATUSTEXTs about a takeover. Charts use them to mark the event."""
 LANDED_PATIENCE = 1.5
@@ -20,7 +20,8 @@ LANDED_PATIENCE = 1.5
 STALL = 0.5
 """Gap between two steps, s, above which data received during the gap is considered stale."""
 CATCH_UP = 0.2
-"""Time after such a gap, s, in which received data may still be stale: reading the backlog takes a few steps."""
+"""Time after a gap between two steps, s, in which received data may still be stale: reading the backlog takes a few
+steps."""
 SILENT = 1.5
 """Age of the vehicle's newest mode report, s, above which the operator may have taken over."""
 
@@ -30,7 +31,7 @@ class Holder(Enum):
 
     US = "circnav: in the guided mode it may steer"
     OPERATOR_IN_MODE = "the operator, without leaving the guided mode (disarmed, rebooted)"
-    OPERATOR = "the operator, after leaving the guided mode: entering it again returns the vehicle"
+    OPERATOR = "the operator, after leaving the guided mode: entering that mode again gives control back to circnav"
 
 
 class Allowed(Enum):
@@ -91,8 +92,8 @@ class Authority:
         return may and self._flies and self.holder is Holder.US and self._session.vehicle.in_our_mode
 
     def may_be_ours(self, now: float) -> bool:
-        """True if the vehicle must be returned at the end: it is under our control, or a mode request is pending that
-        its next heartbeat may confirm."""
+        """True if the mission must end with the exit action: the vehicle is under our control, or its next heartbeat
+        may confirm a mode request of ours."""
         return self.in_our_hands or (self._came_at_our_request and self._request.pending(now))
 
     @property
@@ -117,7 +118,7 @@ class Authority:
         return not self._flies or not self.obstacle(now)
 
     def obstacle(self, now: float) -> str:
-        """Return the condition that an engagement waits for, human-readable, or an empty string."""
+        """Return the condition that must be met before the vehicle is engaged, as a text. Empty if none is missing."""
         vehicle, guided = self._session.vehicle, self._session.adapter.guided_name
         if self.holder is not Holder.US:
             enter = f"leave {guided} and enter it" if self.holder is Holder.OPERATOR_IN_MODE else f"enter {guided}"
@@ -166,8 +167,8 @@ class Authority:
     def _streams_first(self, now: float) -> bool:
         """True if setpoints are sent before the engagement. Never after a takeover, on the ground or without required
         telemetry."""
-        # PX4 enters OFFBOARD only while it receives setpoints, and does not fly them before. Over a slow link none are
-        # sent, so that PX4 rejects the mode.
+        # PX4 enters OFFBOARD only while it receives setpoints, and does not fly them in other modes. Over a slow link
+        # no setpoints are sent, so that PX4 rejects OFFBOARD.
         session = self._session
         if self._mission.phase is not Phase.READY or not session.adapter.wants_setpoints_in(session.vehicle.mode):
             return False
@@ -176,8 +177,8 @@ class Authority:
     # --- request of the guided mode ---------------------------------------------------------------------------------
 
     def ask_for_mode(self, now: float) -> str | None:
-        """Request the guided mode, in the air and with all else ready, but never after the flight has begun. Return the
-        reason if the request failed for good, else None."""
+        """Request the guided mode if only the mode is missing for the first engagement. Return the reason if the
+        autopilot refused the mode for good, else None."""
         session, adapter, mission = self._session, self._session.adapter, self._mission
         asks = self._asks_for_mode and self._flies and not mission.begun and mission.phase is Phase.READY
         if not asks or session.vehicle.mode == adapter.guided_mode or self._hindrance(now):
@@ -189,7 +190,7 @@ class Authority:
 
     @property
     def _asks_for_mode(self) -> bool:
-        """True if the guided mode may be requested. After another mode was chosen since the first request, a new one
+        """True if the guided mode may be requested. If another mode was chosen since the first request, a new request
         would override the operator or a failsafe."""
         return self._settings.request_mode and not self._operator_chose
 
@@ -198,8 +199,8 @@ class Authority:
     def watch_takeover(self, now: float) -> tuple[str, Outcome] | None:
         """Return a takeover in this step, as STATUSTEXT and as outcome, or None."""
         session, vehicle = self._session, self._session.vehicle
-        # A vehicle under our control stays so while the link is lost, and while it has been returned to us but cannot
-        # be steered yet.
+        # We keep the control while the link is lost, and after the operator has given it back but the vehicle cannot be
+        # steered yet.
         ours = self.holder is Holder.US or self._mission.phase not in (Phase.WAIT_LINK, Phase.YIELDED)
         departed, self._departures = vehicle.departures > self._departures, vehicle.departures
         self.rebooted, self._reboots = vehicle.reboots > self._reboots, vehicle.reboots
@@ -215,13 +216,13 @@ class Authority:
         if self.rebooted or left_for is None:
             what = f"{TAKEN_OVER}, {'autopilot rebooted' if self.rebooted else 'vehicle disarmed'}"
             return what, Outcome(Ending.ABORTED, what)
-        # The heartbeat does not show who changed the mode. The report has the autopilot's message of a failsafe.
+        # The heartbeat does not show who changed the mode. `report.html` has the autopilot's message about a failsafe.
         flown = now - (self._mission.engaged_at or now)
         reason = f"pilot or failsafe switched to {left_for} after {flown:.0f} s"
         return f"{TAKEN_OVER}, {session.adapter.guided_name} left for {left_for}", Outcome(Ending.TAKEN_OVER, reason)
 
     def _watch_return(self, *, left: bool, in_mode: bool) -> None:
-        """Detect that the operator returns the vehicle: the guided mode is left, entered again, and stays for
+        """Detect that the operator gives control back: the guided mode is left, entered again, and lasts for
         GIVEN_AFTER."""
         reported_at = self._session.vehicle.received_at
         if left and self.holder is Holder.OPERATOR_IN_MODE:

@@ -1,4 +1,4 @@
-"""Conditions of a flight that the operator has to know: one table for display, page, STATUSTEXT and verdict.
+"""Conditions of a flight that the operator must be informed of: one table for display, page, STATUSTEXT and verdict.
 
 `Conditions` evaluates the table after each step. It sends texts to ground stations once when a condition begins and
 once when it ends. `alarms` holds the current texts. Extras report their own conditions by `Onlooker.alarms`.
@@ -25,12 +25,13 @@ MOST_REJECTED = 0.5
 FEW_SETPOINTS = 0.5
 """Share of the setpoint rate `limits.tick_hz` below which a steered vehicle receives too few setpoints."""
 UPLINK_SILENT = 2.0
-"""Time, s, without an answer of a steered vehicle to TIMESYNC. Requests are sent once a second and repeated if lost."""
+"""Time, s, without an answer of a steered vehicle to TIMESYNC, after which an alarm is raised. Requests are sent once a
+second and repeated if lost."""
 LOST = {
-    "attitude": "NO ATTITUDE from the vehicle: steered by ranges alone, its turns are not checked",
+    "attitude": "NO ATTITUDE from the vehicle: steered by ranges alone, no check that it follows turn commands",
     "airspeed": "NO AIRSPEED from the vehicle: vehicle.speed_mps is used instead",
     "altitude": "NO ALTITUDE from the vehicle: no climb is commanded",
-    "climb": "NO CLIMB RATE from the vehicle: the pitch is not corrected",
+    "climb": "NO CLIMB RATE from the vehicle: the commanded pitch is not corrected for it",
 }
 """Alarms for telemetry that a steered vehicle no longer sends."""
 NOISE = "range noise {found[1]:.2g} m, expected {found[0]:.2g} m"
@@ -43,8 +44,8 @@ class Condition:
     name: stable key, also in summary.json. find: function from pilot and time to `found`, false if not active. short:
     STATUSTEXT at the beginning, at most 41 characters, empty for none. long: text of the alarm on display, page and
     verdict, empty if the condition is no alarm. over: STATUSTEXT at the end. repeats: True to send `short` at each
-    change of `found`. once: True to send it once per flight. steering: True if the condition exists only while the
-    vehicle is steered. Its end by the end of steering is not reported.
+    change of `found`. once: True to send `short` once per flight. steering: True if the condition exists only while
+    the vehicle is steered. The end of steering then ends the condition without a text.
     """
 
     name: str
@@ -162,7 +163,7 @@ TABLE = (
     Condition(
         "uplink_silent",
         lambda p, now: p.session.timesync.silent(now, UPLINK_SILENT) and p.session.heartbeat_age(now) <= SILENT,
-        long="UPLINK SILENT: the vehicle does not answer (TIMESYNC), it may not receive setpoints", steering=True,
+        long="UPLINK SILENT: the vehicle does not answer TIMESYNC, and may not receive setpoints", steering=True,
     ),
     Condition(
         "link_too_slow",
@@ -244,7 +245,7 @@ TABLE = (
     Condition(
         "heading_jumped", lambda p, now: round(degrees(p.session.motion.jumped)), repeats=True,
         short="heading jumped by {found:+d} deg", over="heading jumped back",
-        long="HEADING JUMPED by {found:+d} deg, not used as a turn: check the compass",
+        long="HEADING JUMPED by {found:+d} deg: the jump does not count as a turn, check the compass",
     ),
     Condition(
         "altitude_lost", lambda p, now: p.tracker.height.is_held(now) and [p.tracker.height.at(now)],
@@ -254,7 +255,8 @@ TABLE = (
     Condition(
         "altitude_jumped", lambda p, now: p.tracker.height.jump, repeats=True,
         short="altitude jumped by {found:+.1f} m", over="altitude jumped back",
-        long="ALTITUDE JUMPED by {found:+.1f} m, not used as height: compare the radius with the map",
+        long="ALTITUDE JUMPED by {found:+.1f} m: not applied to the height above the target, compare the radius with "
+        "the map",
     ),
     Condition(
         "few_setpoints",

@@ -19,16 +19,16 @@ from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.pilot.settings import PilotSettings
 
 SPEED_UP = 2.5
-"""Time, s, of turning as commanded after which the vehicle is assumed to fly at V. A multicopter needs it to accelerate
-from 0 to 5 m/s. The estimator would take its slower path for a drift."""
+"""Time, s, of turning as commanded after which the vehicle is assumed to fly at V. A multicopter needs this time to
+accelerate from 0 to 5 m/s. The estimator would mistake the slower path for a drift."""
 LONGEST_GAP = 1.0
 """Gap between two reports of own motion, s, above which the vehicle may have stopped in between."""
 UNRESPONSIVE_AFTER = 1.0
-"""Time without turning as commanded, s, after which the vehicle does not follow its commands. Reversing a turn takes
-less."""
+"""Time without turning as commanded, s, after which the vehicle counts as not following its commands. Reversing a turn
+takes less time."""
 DOUBTED_AFTER = 0.7
-"""Time without turning as commanded, s, after which the path is not used. When a turn is reversed, commanded and flown
-turn differ for this long."""
+"""Time without turning as commanded, s, after which the estimators receive no path. When a turn is reversed, commanded
+and flown turn differ for this long."""
 RELATIVE = ("auto", "drift")
 """Estimators of the relative motion."""
 LONGEST_DELAY = 2.0
@@ -42,7 +42,7 @@ class Controller:
         orbit, facts = settings.orbit, settings.facts
         self._settings = settings
         self.circle = orbit
-        """Circle of the mission, or the one requested since."""
+        """Circle of the mission, or the circle of the newest accepted request."""
         self._spacing = 0.0, 1.0
         """Radius offset, m, and speed factor of the spacing in a fleet."""
         self._tuning = settings.tuning

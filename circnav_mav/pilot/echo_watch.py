@@ -1,18 +1,18 @@
-"""Detects a second controller by comparing the setpoint that the vehicle reports with those sent."""
+"""Detects a second controller by comparing the setpoints that the vehicle reports with the sent setpoints."""
 
 from collections import deque
 
 KEPT = 3.0
-"""Time, s, in addition to the round trip, for which a sent setpoint may still be the reported one. During a shorter,
-unnoticed outage of the uplink, the vehicle flies the last setpoint received."""
+"""Time, s, in addition to the round trip, for which the vehicle may still report a sent setpoint. In a shorter,
+unnoticed outage of the uplink, the vehicle flies the last setpoint that it received."""
 GAP = 0.5
 """Time without a setpoint, s, after which the next one starts a new stream."""
 SETTLED = 2.0
-"""Time since the start of a stream, s, after which the vehicle is expected to report it."""
+"""Time since the start of a stream, s, after which the vehicle is expected to report its setpoints."""
 SLACK, SHARE = 0.03, 0.1
 """Tolerated difference: rad/s or rad, and share of the sent turn. The resolution of autopilots is 0.001."""
 MANY, WITHIN = 4, 5.0
-"""Differing reports that count as evidence, and the time, s, in which they must arrive."""
+"""Number of differing reports that count as evidence, and time, s, within which these reports must arrive."""
 
 
 class EchoWatch:
@@ -32,8 +32,8 @@ class EchoWatch:
         self._sent.append((now, turn))
 
     def reported(self, turn: float | None, now: float, round_trip: float, *, limited: bool) -> None:
-        """Record a report of the setpoint flown, None if it has no turn. limited: the autopilot may have reduced it, as
-        it does a bank, so that any turn between 0 and the one sent may be ours."""
+        """Record the turn in a report of the flown setpoint, None if the setpoint has no turn. limited: True if the
+        autopilot may reduce a setpoint, as a bank, so that any turn between 0 and the sent turn may be ours."""
         oldest = now - KEPT - round_trip
         while len(self._sent) > 1 and self._sent[1][0] <= oldest:
             self._sent.popleft()

@@ -1,6 +1,7 @@
 """Height above the target, used to convert slant ranges to horizontal ones.
 
-It is read from VFR_HUD.alt and the altitude of HOME_POSITION. Latitude, longitude and local position are never read.
+The height is computed from VFR_HUD.alt and the altitude of HOME_POSITION. Latitude, longitude and local position are
+never read.
 """
 
 from circnav_mav.mav.codec import Message

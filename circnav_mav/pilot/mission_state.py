@@ -93,10 +93,10 @@ class Timing:
     """Time limits, all in s.
 
     duration: of the flight after engaging. wait_link, wait_ranging: longest waits before the first engagement. stale:
-    age of the newest range up to which the prediction steers. hold: longest holding of the circle's turn rate after
-    that. unfollowed: longest time without following turn commands before the exit action. outage: longest silence of
-    the vehicle after which the mission resumes. round_trip: largest round trip to the vehicle at which it is engaged.
-    tick: period of the steps without fresh ranges.
+    age of the newest range up to which the prediction steers. hold: longest time after that for which the circle's turn
+    rate is held. unfollowed: longest time without following turn commands before the exit action. outage: longest
+    silence of the vehicle after which the mission resumes. round_trip: largest round trip with which the vehicle is
+    engaged. tick: period of the steps without fresh ranges.
     """
 
     duration: float

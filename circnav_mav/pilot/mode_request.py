@@ -11,7 +11,7 @@ TRIES = 3
 SAFE_SETPOINTS = 3
 """Number of safe setpoints sent before the stream ends: a datagram can be lost."""
 PATIENCE = 12.0
-"""Longest time, s, for the exit action. After it the stream ends without the action."""
+"""Longest time, s, for the exit action. After this time the stream of setpoints ends without the action."""
 STOP_SENDING = "stop"
 
 
@@ -35,7 +35,7 @@ class ModeRequest:
             self._due = float("-inf")
             return f"refused: {refusals[0].answer}{report}"
         if session.mode_requests_dropped > self._dropped and self._due > now:
-            self._tries, self._due = self._tries - 1, now  # dropped unanswered: do not count it
+            self._tries, self._due = self._tries - 1, now  # the request was dropped before an answer: do not count it
         self._dropped = session.mode_requests_dropped
         if now < self._due or session.vehicle.mode == mode:
             return None

@@ -41,9 +41,9 @@ from circnav_mav.pilot.tick_scheduler import TickScheduler
 REPORTS_AFTER = 3.0
 """Time, s, after a silence until all telemetry streams are received again."""
 RECEIVES_AFTER = 3.0
-"""Time, s, after the first answer until a vehicle that was not reached follows its commands again."""
+"""Time, s, from the first TIMESYNC answer after an outage of the uplink until the vehicle follows commands again."""
 
-UNSIGNED = "the link is not signed; to allow it: link.unsigned_parameters = true"
+UNSIGNED = "the link is not signed; to allow changes: link.unsigned_parameters = true"
 
 
 class Pilot:
@@ -51,7 +51,7 @@ class Pilot:
 
     def __init__(self, settings: PilotSettings, signing: Signing | None = None) -> None:
         """signing: signs sent frames and authenticates received ones, or None."""
-        # The explicit types are for `conditions`: this module imports it, and it reads these attributes.
+        # `conditions` reads these attributes, and this module imports `conditions`: mypy needs the explicit types.
         self.settings: PilotSettings = settings
         self.flies: bool = settings.output_mode is OutputMode.FLY
         self.connection = Connection(settings, signing)

@@ -1,8 +1,8 @@
 """Preflight listener: receives vehicle and ranging data before a flight, and sends nothing that could move the vehicle.
 
-A pilot engages, ends and reports this to the ground station, even in a dry run. The listener has no controller at all.
-To receive the same data as a flight, it sends our heartbeat and stream requests. It also requests AUTOPILOT_VERSION,
-TIMESYNC and parameters (PARAM_REQUEST_READ).
+A `Pilot` would engage the vehicle, end the mission and report both to the ground station, even in a dry run. The
+listener has no controller at all. To receive the same data as a flight, it sends our heartbeat and stream requests. It
+also requests AUTOPILOT_VERSION, TIMESYNC and parameters (PARAM_REQUEST_READ).
 """
 
 from collections import Counter, defaultdict

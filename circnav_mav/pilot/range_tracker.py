@@ -27,9 +27,9 @@ THINNED = 0.75
 """Least time between two ranges added to the estimator, in ticks. Ranges in between are merged. Each added range causes
 a setpoint and takes 1 to 2 ms of processor time."""
 MOST_MERGED = 1000
-"""Most ranges merged to one."""
+"""Largest number of ranges that are merged to one range."""
 MOST_AT_ONCE = 64
-"""Ranges kept: as many as one datagram of a slow link may hold."""
+"""Number of newest ranges kept: as many as one datagram of a slow link may hold."""
 JUMP = 0.5
 """Smallest jump of the range, as a share of the radius, that is rejected. Noise of this size is rejected, too."""
 CLOSING = 2.0
@@ -155,11 +155,11 @@ class RangeTracker:
 
 
 class JumpGate:
-    """Rejects ranges that jump farther than the vehicle can have flown, and those that continue from there.
+    """Rejects ranges that jump farther than the vehicle can have flown, and ranges that continue from a rejected one.
 
     A radio sends such a series if it changes its unit, ranges to another anchor or reaches its limit. The estimator
-    would accept the series after a second, and the vehicle would follow it off its circle. Rejected, it is a loss of
-    ranges: the circle's turn rate is held until the ranges jump back or the flight ends.
+    would accept the series after a second, and the vehicle would follow it off its circle. A rejected series
+    counts as missing ranges: the circle's turn rate is held until the ranges jump back or the flight ends.
     """
 
     def __init__(self, speed: float, least: float) -> None:

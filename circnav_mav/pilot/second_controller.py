@@ -9,11 +9,11 @@ from circnav_mav.pilot.echo_watch import EchoWatch
 from circnav_mav.pilot.mission_state import MissionState
 
 UPLINK_SILENT = 3.0
-"""Time without an answer to TIMESYNC, s, after which the vehicle may receive no setpoints and fly its own."""
+"""Time without an answer to TIMESYNC, s, after which the vehicle may lack our setpoints and fly its own setpoints."""
 
 
 class SecondController:
-    """Compares the setpoints that the vehicle reports, and the commands that it acknowledges, with those sent."""
+    """Compares the setpoints that the vehicle reports, and the commands that it acknowledges, with the sent ones."""
 
     def __init__(self, session: Session, mission: MissionState) -> None:
         self._session, self._mission, self._echo = session, mission, EchoWatch()
@@ -24,8 +24,8 @@ class SecondController:
             self._echo.sent(turn, now)
 
     def receive(self, message: Message, now: float) -> None:
-        """Process a message of the vehicle. Its reports are ignored while TIMESYNC is not answered: it may then receive
-        no setpoints and fly its own."""
+        """Process a message of the vehicle. Reported setpoints are ignored while the vehicle does not answer TIMESYNC:
+        it may then lack our setpoints and fly setpoints of its own."""
         adapter, timesync = self._session.adapter, self._session.timesync
         if message.get_msgId() == adapter.echo and not timesync.silent(now, UPLINK_SILENT):
             self._echo.reported(turn_in(message), now, timesync.worst or 0.0, limited=adapter.banks)

@@ -52,7 +52,7 @@ class PilotSettings:
     autopilot, kind: keys of the adapter table ("auto", None: as received). turn_gain: ratio of realized to commanded
     turn rate, None to learn it in flight. turn_lag: delay of the vehicle's turn, s. radius_trim: rate of the radius
     integral, 1/s. request_mode: request the guided mode (else wait until the operator enters it). end_on_takeover: a
-    takeover ends the mission (else it waits until the operator returns the vehicle). exit: name of the exit action,
+    takeover ends the mission (else it waits until the operator gives control back). exit: name of the exit action,
     None for the autopilot's default. ranging_apart: the radio has a separate link. stream_links: links that are byte
     streams (TCP, serial), not datagrams. unsigned_links: links on which unsigned frames are accepted despite a signing
     key. height: height above the target. later_radii: radii of the circles after the first, m. tuning: the law on any

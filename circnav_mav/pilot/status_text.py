@@ -1,4 +1,4 @@
-"""Human-readable texts: conditions that a mission waits for, and reasons why it ends."""
+"""Texts for the operator: the condition that a mission waits for, and the reason why the mission ends."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,11 @@ from circnav_mav.pilot.mission_state import Ending, MissionState, Outcome, Phase
 from circnav_mav.pilot.range_tracker import FRESH, RangeTracker
 from circnav_mav.pilot.settings import VEHICLE, OutputMode, PilotSettings
 
-_NEEDS = {"auto": "", "kalman": "", "measured": "; it also needs the measured range rate (ranging.rate_name)"}
+_NEEDS = {
+    "auto": "",
+    "kalman": "",
+    "measured": "; it also needs the range rate (ranging.rate_name)",
+}
 
 
 @dataclass(frozen=True)
@@ -72,7 +76,7 @@ class StatusText:
         age, ready = tracker.age(now), tracker.estimator.ready
         if not ready and not missing and age is not None and age <= self.settings.timing.stale:
             name = self.settings.estimator
-            needs = _NEEDS.get(name, "; it first needs the vehicle's motion (auto does not)")
+            needs = _NEEDS.get(name, "; this estimator first needs the vehicle's motion (estimator auto does not)")
             return f"{tracker.accepted} ranges accepted, estimator {name} has not converged yet{needs}"
         if ready and missing:
             return missing
@@ -95,15 +99,15 @@ class StatusText:
         if tracker.estimator.ready and age is not None and FRESH * self.settings.timing.stale < age < waited:
             return f"no fresh range for {waited:.1f} s, the newest is {age:.2f} s old"
         if tracker.ranging.clock.doubted:
-            return f"no range for {waited:.1f} s: all rejected, the sensor clock stepped"
+            return f"no range for {waited:.1f} s: all ranges rejected, the sensor clock stepped"
         if tracker.one_way > self.settings.timing.stale:
-            return f"no range for {waited:.1f} s: all rejected, the round-trip time is {2 * tracker.one_way:.1f} s"
+            return f"no range for {waited:.1f} s: all ranges rejected, the round trip takes {2 * tracker.one_way:.1f} s"
         if jump := tracker.jumps.found:
-            return f"no range for {waited:.1f} s: all rejected, they jumped by {jump:+.0f} m"
+            return f"no range for {waited:.1f} s: all ranges rejected, they jumped by {jump:+.0f} m"
         return f"no range for {waited:.1f} s"
 
     def _what_is_gone(self, now: float) -> str:
-        """Return a text about the lost data that a flight waits for when its time ends, or an empty string."""
+        """Return a text about the lost data that the mission waits for when its duration ends, or an empty string."""
         if self.mission.phase is Phase.WAIT_LINK:
             return f", no heartbeat for {self.connection.session.heartbeat_age(now):.0f} s"
         age = self.tracker.age(now) if self.mission.phase is Phase.WAIT_RANGING else None

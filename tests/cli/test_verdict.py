@@ -30,7 +30,7 @@ def told(**changes: Any) -> str:
         ({}, "rotation clockwise (as desired), closest approach 97.0 m"),
         ({"truth": {**TRUTH, "direction": "counterclockwise"}}, "rotation counterclockwise (NOT AS DESIRED)"),
         ({"truth": {**TRUTH, "direction": None}}, "rotation unknown, closest"),
-        ({"truth": None}, "rotation   clockwise commanded; range alone cannot confirm it"),
+        ({"truth": None}, "rotation   clockwise commanded; ranges cannot confirm the direction"),
         ({}, "estimated  settled after 20 s, radius 100.50 m, RMS error 0.70 m (0.70 %)"),
         ({"settled_s": None}, "estimated  never settled, radius"),
         ({"radius_mean_m": None}, "estimated  radius unknown"),
@@ -50,7 +50,7 @@ def told(**changes: Any) -> str:
         ({**TURN, "turn_limit_cycle": True}, "WARNING    LIMIT CYCLE: the turn command oscillates"),
         ({**TURN, "gain_share": 0.7}, "oscillates, gains reduced to 70 %"),
         ({"notes": ["  target     found", "  WARNING    lost"]}, "1200 sent\n  target     found\n  WARNING    lost\n"),
-        ({"circles": [{**FIGURES, "desired_radius_m": 80.0, "begun_s": 2.0}, {}]}, "before     80 m, 2 s on: settled"),
+        ({"circles": [{**FIGURES, "desired_radius_m": 80.0, "begun_s": 2.0}, {}]}, "80 m, begun at 2 s: settled"),
         ({"circles": [{}], "circles_wanted_m": [100.0, 60.0]}, "WARNING    circle of 60 m not begun: the circle"),
     ],
 )  # fmt: skip

@@ -308,14 +308,15 @@ CLASHES = [
     ("ranging.endpoint=sim",
      'ranging.endpoint: is "sim", but the vehicle is not the bundled one: --set ranging.endpoint=URL'),
     ("ranging.endpoint=udpin:127.0.0.1:14550",
-     'ranging.endpoint: is "udpin:127.0.0.1:14550" as link.endpoint: omit it if ranges arrive on that link'),
+     'ranging.endpoint: is "udpin:127.0.0.1:14550" as link.endpoint: omit ranging.endpoint if ranges arrive on that '
+     "link"),
     ("bounds.min_range_m=300 bounds.max_range_m=200",
-     "bounds.min_range_m: 300 is not below bounds.max_range_m = 200: lower it, or raise the other"),
+     "bounds.min_range_m: 300 is not below bounds.max_range_m = 200: lower the first, or raise the second"),
     ("bounds.min_altitude_m=50 bounds.max_altitude_m=50",
-     "bounds.min_altitude_m: 50 is not below bounds.max_altitude_m = 50: lower it, or raise the other"),
+     "bounds.min_altitude_m: 50 is not below bounds.max_altitude_m = 50: lower the first, or raise the second"),
     ("bounds.min_range_m=300 bounds.max_range_m=200 link.endpoint=sim",
      'link.endpoint: is "sim": add a [sim] table that describes the vehicle; '
-     "bounds.min_range_m: 300 is not below bounds.max_range_m = 200: lower it, or raise the other"),
+     "bounds.min_range_m: 300 is not below bounds.max_range_m = 200: lower the first, or raise the second"),
 ]  # fmt: skip
 
 

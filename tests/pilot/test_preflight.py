@@ -211,7 +211,7 @@ RATE_SENT = (*RATE, "sim.ranging.rate_name=RR")
         (("sim.events=[{at_s=5.0, action='mute_ranging'}]",), "age", FAIL, "s old"),
         (LOW, "distance", WARN, "possible on the ground only"),
         (RATE_SENT, "range rate", PASS, " Hz, newest "),
-        ((*RATE_SENT, "sim.ranging.rate_noise_mps=0.8"), "range rate", WARN, "the measured value is used in flight"),
+        ((*RATE_SENT, "sim.ranging.rate_noise_mps=0.8"), "range rate", WARN, "in flight the measured standard"),
         (RATE, "range rate", FAIL, "0 NAMED_VALUE_FLOAT RR"),
         ((*RATE_SENT, "sim.ranging.rate_noise_mps=0.0", "sim.ranging.rate_bias_mps=0.0"), "range rate", WARN,
          "frozen, or its"),
@@ -247,7 +247,7 @@ def test_a_component_that_shares_the_vehicles_ids_warns():
     bench, radio = Bench("arducopter"), Voice(1, 1)
     bench.speaks = lambda now: [radio.say(heartbeat(0, kind=18, autopilot=8))] if round(now * 100) % 50 == 0 else []
     (line,) = of(bench.lines(), "others")
-    ids = "with the vehicle's ids 1/1 of a component that is no autopilot: give it another component id"
+    ids = "with the vehicle's ids 1/1 of a component that is no autopilot: give that component another id"
     assert line.grade is WARN and ids in line.text
 
 
@@ -585,10 +585,10 @@ def test_a_parameter_is_graded_by_what_it_implies(name, key, grades):
 @pytest.mark.parametrize(
     ("name", "values", "grade", "says"),
     [
-        ("px4_plane", {"NAV_RCL_ACT": 2, "COM_RCL_EXCEPT": 0}, WARN, "does not stay there, it flies home (RTL)"),
-        ("px4_plane", {"NAV_RCL_ACT": 3, "COM_RCL_EXCEPT": 0}, WARN, "does not stay there, it lands"),
+        ("px4_plane", {"NAV_RCL_ACT": 2, "COM_RCL_EXCEPT": 0}, WARN, "does not stay there, but flies home (RTL)"),
+        ("px4_plane", {"NAV_RCL_ACT": 3, "COM_RCL_EXCEPT": 0}, WARN, "does not stay there, but lands"),
         ("px4_plane", {"NAV_RCL_ACT": 1, "COM_RCL_EXCEPT": 0}, PASS, "NAV_RCL_ACT commands Hold, too"),
-        ("px4_plane", {"NAV_RCL_ACT": 2, "COM_RCL_EXCEPT": 2}, PASS, "stays there without our sticks"),
+        ("px4_plane", {"NAV_RCL_ACT": 2, "COM_RCL_EXCEPT": 2}, PASS, "stays there without our stick messages"),
         # without WP_SPEED a rover is clipped at its cruise speed
         ("ardurover", {"WP_SPEED": 0, "CRUISE_SPEED": 2}, FAIL, "CRUISE_SPEED = 2"),
         ("ardurover", {"WP_SPEED": 5, "CRUISE_SPEED": 2}, PASS, "CRUISE_SPEED = 2"),

@@ -1,4 +1,4 @@
-"""Figures of a cell of the benchmark, its printed line, the two tables of BENCHMARK.md, and their picture."""
+"""Results of the benchmark, as one cell per law and situation: printed line, tables of BENCHMARK.md, picture."""
 
 import csv
 from collections.abc import Callable, Sequence
@@ -88,10 +88,16 @@ COLUMNS: dict[str, Callable[[Cell], str]] = {
     "RMS radius error, m: median / 95th percentile / worst; median peak": lambda cell: (
         f"**{cell.rms_median:.3f}** / {cell.rms_p95:.3f} / {cell.rms_max:.2f}; {cell.peak_median:.2f}"
     ),
-    "required": lambda cell: "report" if (need := SITUATIONS[cell.situation].required) is None else f"{need:.2f}",
-    "settled to ±10 %": lambda cell: f"{_times(cell.settled10_median)} / {_times(cell.settled10_p95)}",
-    "to ±2 %": lambda cell: f"{_times(cell.settled2_median)} / {_times(cell.settled2_p95)}",
-    "turn command: sd deg/s / at the limit / rad/s per s": lambda cell: (
+    "required RMS, m": lambda cell: (
+        "report" if (need := SITUATIONS[cell.situation].required) is None else f"{need:.2f}"
+    ),
+    "settled to ±10 %, Dubins times: median / 95th percentile": lambda cell: (
+        f"{_times(cell.settled10_median)} / {_times(cell.settled10_p95)}"
+    ),
+    "settled to ±2 %, Dubins times: median": lambda cell: (
+        f"{_times(cell.settled2_median)} / {_times(cell.settled2_p95)}"
+    ),
+    "turn command: standard deviation, deg/s / share at the limit / total variation, rad/s per s": lambda cell: (
         f"{cell.turn_std_deg_s:.1f} / {100 * cell.turn_at_limit:.0f} % / {cell.turn_variation_rad_s2:.2f}"
     ),
     "limit cycles": lambda cell: f"{cell.limit_cycles}",

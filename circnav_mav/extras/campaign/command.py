@@ -25,7 +25,7 @@ from circnav_mav.runlog.atomic_write import write_json
 from circnav_mav.runtime.clock import local_time_name
 
 MOST_CHECKED = 200
-"""Number of flights that are checked beforehand for the engine that they need."""
+"""Largest number of flights that are checked before the start for reasons to need lockstep."""
 SETTLED = ("settled_median", "settled_p95")
 REPORT_EVERY = 10.0
 """Time between two lines of progress without a terminal, s."""
@@ -52,7 +52,8 @@ def fly_campaign(
 
 
 def _engines(campaign: Campaign) -> str:
-    """Return a text with the number of flights per engine, found from the first flights. Raises Refused."""
+    """Return a text: how many of the first flights a batch can fly, how many need lockstep, and why. Raises Refused if
+    the campaign requires a batch and a flight needs lockstep."""
     if campaign.engine == "lockstep":
         return f"{campaign.where}: {campaign.runs} flights in lockstep"
     checked = min(campaign.runs, MOST_CHECKED)
@@ -65,7 +66,7 @@ def _engines(campaign: Campaign) -> str:
     slow = sum(reasons.values())
     counted = f"{checked - slow} in batches, {slow} in lockstep"
     flights = f"{campaign.runs} flights" + (f", of the first {checked}" if checked < campaign.runs else "")
-    each = [f"  in lockstep, one by one: {count} where {reason}" for reason, count in reasons.items()]
+    each = [f"  in lockstep, one by one: {count}, because {reason}" for reason, count in reasons.items()]
     return "\n".join([f"{campaign.where}: {flights}: {counted}", *each])
 
 

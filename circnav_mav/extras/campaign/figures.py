@@ -78,7 +78,7 @@ SUMMARY = "summary.json"
 Z = 1.959964
 """Quantile of the normal distribution for intervals of 95 %."""
 LEAST_WORLDS = 6
-"""Worlds from which on order statistics hold a median in 95 % of all cases: 1 - 2/2^6 is 97 %, 1 - 2/2^5 is 94 %."""
+"""Number of worlds from which order statistics enclose the median with 95 %: 1 - 2/2^6 is 97 %, 1 - 2/2^5 is 94 %."""
 Interval = tuple[float | None, float | None]
 Rows = Sequence[dict[str, str]]
 """Rows of the table, as text."""
@@ -87,11 +87,12 @@ Rows = Sequence[dict[str, str]]
 def figures(rows: Rows, points: int = 1) -> dict[str, Any]:
     """Return the figures of some rows of the table. points: grid points, which share their draws in each pass.
 
-    failed: could not be flown. not_engaged: ended before the engagement. Neither has an RMS error or a settling time,
-    so those figures are of the other flights. wrong_way: went round in the wrong sense. rms_*: RMS radius error of the
-    last third, m. settled_*: time from the engagement until the error stays within 5 %, s; None: never. closest:
-    closest approach of all flights, m. worlds: flights with the same draws and noise count as one in the intervals.
-    turn_*: medians of the figures of the turn command (see `TurnFigures`). limit_cycles: flights with a limit cycle.
+    failed: could not be flown. not_engaged: ended before the engagement. Flights of both kinds have no RMS error and no
+    settling time, so these figures cover the other flights. wrong_way: went round in the wrong sense. rms_*: RMS radius
+    error of the last third, m. settled_*: time from the engagement until the error stays within 5 %, s; None: never.
+    closest: closest approach of all flights, m. worlds: flights with the same draws and noise count as one in the
+    intervals. turn_*: medians of the figures of the turn command (see `TurnFigures`). limit_cycles: flights with a
+    limit cycle.
     """
     flown = [row for row in rows if row["rms_m"]]
     worlds, worlds_flown = (len({int(row["run"]) // points for row in some}) for some in (rows, flown))

@@ -132,7 +132,7 @@ NEVER = 1 << 40
 
 
 def engagement_times(run: Run) -> tuple[float, float] | None:
-    """Return the times of the first range at the pilot and of the first setpoint, s; None if it never engages.
+    """Return the times of the first range at the pilot and of the first setpoint, s; None if no vehicle is engaged.
 
     A batch has no modes and no heartbeats. The times are therefore taken from one lockstep flight that starts on the
     circle, with ideal conditions and an ideal radio.
@@ -158,8 +158,8 @@ def engagement_times(run: Run) -> tuple[float, float] | None:
 class Engagement(Authority):
     """Flights under control: from the first good estimate after `begins` to the end of the mission's time.
 
-    A flight also ends after too long a time without a good estimate. engaged, ended (B,): steps. stopped (B,): True if
-    it ended because ranges were missing.
+    A flight also ends after too long a time without a good estimate. engaged, ended (B,): numbers of the steps.
+    stopped (B,): True if the flight ended because ranges were missing.
     """
 
     def __init__(self, runs: Sequence[Run], begins: tuple[float, float], dt: float) -> None:

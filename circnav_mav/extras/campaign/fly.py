@@ -1,4 +1,8 @@
-"""Flights of a campaign: run numbers in, rows out. Similar flights are flown in batches, all others in lockstep."""
+"""Flights of a campaign: run numbers in, rows of the table out.
+
+Similar flights are computed together, as a batch of arrays. Every other flight runs the real pilot against the emulated
+vehicle, step by step (lockstep).
+"""
 
 import traceback
 from collections.abc import Collection, Iterable, Sequence
@@ -24,11 +28,11 @@ OWN = frozenset({
 })  # fmt: skip
 OWN_OF_KALMAN = OWN | {"vehicle.speed_mps", "vehicle.turn_lag_s", "sim.vehicle.turn_lag_s"}
 OWN_TABLES = ("sim.start.random.", "sim.target.", "sim.wind.")
-"""Keys and tables that may differ between the flights of a batch. All other values are the same."""
+"""Keys and tables that may differ between the flights of a batch. All other keys have the same value in a batch."""
 MOST_SCATTER = 1.5
-"""Largest ratio of true range noise to the mission's in a batch. With more, the pilot may detect the difference."""
+"""Largest ratio of simulated range noise to `ranging.sigma_m` in a batch. The pilot may detect a larger difference."""
 MOST_OUTLIERS = 0.13
-"""Largest fraction of outliers for a batch. With more, the pilot may treat them as noise."""
+"""Largest fraction of outliers for a batch. The pilot may treat a larger fraction as noise."""
 
 
 def group(run: Run) -> tuple[tuple[str, str], ...]:
@@ -71,7 +75,7 @@ def lockstep_reason(run: Run) -> str | None:
 
 Row = dict[str, Any]
 BATCH_STEPS = 8_000_000
-"""Largest number of steps times flights in a chunk. Each takes 13 bytes."""
+"""Largest number of steps times flights in a chunk. Each step of a flight takes 13 bytes of memory."""
 MOST_IN_CHUNK = 1000
 """Largest number of flights in a chunk: with more, numpy's overhead per step is negligible already."""
 MOST_TRIED = 64

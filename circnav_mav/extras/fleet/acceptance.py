@@ -23,7 +23,7 @@ CLOCK_TOLERANCE = 0.5
 SHORTEST_INTERVAL = 0.1
 """Shortest time, s, between two reports of one member: half the interval at the highest rate."""
 MOVES_AFTER = 1.5
-"""Silence of a member, s, after which its id may move to another address, as for a vehicle (mav/identity.py)."""
+"""Silence of a member, s, after which another address may use its id, as for a vehicle (mav/identity.py)."""
 FORGET_AFTER = 60.0
 """Silence, s, after which a member leaves the table."""
 MOST_MEMBERS = 32
@@ -31,12 +31,12 @@ MOST_MEMBERS = 32
 PHASE_TOLERANCE = 0.35
 """Tolerance, rad, between a phase and its extrapolation, in addition to three standard deviations."""
 PHASE_RATE_TOLERANCE = 0.1
-"""Growth of that tolerance on the circle, rad/s: changes of the commanded radius change the phase rate."""
+"""Growth of PHASE_TOLERANCE on the circle, rad/s: changes of the commanded radius change the phase rate."""
 CONFIRMED_AFTER = 2.0
 """Time, s, for which a phase must be consistent after a jump before it is accepted."""
 ALARM_COUNT, ALARM_TIME = 3, 5.0
-"""Number of rejections for one reason within this time, s, that raise an alarm. Single ones are normal: a lossy network
-repeats and reorders frames."""
+"""Number of rejections for one reason, and time, s, within which they raise an alarm. Single rejections are normal: a
+lossy network repeats and reorders frames."""
 MOST_COPIES = 512
 """Number of newest frames kept to recognize copies: 0.4 s of 255 members at 5 Hz."""
 _HASH = 6
@@ -45,7 +45,7 @@ _ROUNDING = 1e-6
 """Relative tolerance of the bounds: fields are rounded to 32 bits."""
 
 MAX_DRIFT, MAX_VARIANCE = 100.0, 1e4
-"""Largest drift, m/s, and variance of it, (m/s)^2, in a report; chosen, beyond any flight."""
+"""Largest drift, m/s, and largest variance of the drift, (m/s)^2, in a report; chosen, beyond any flight."""
 BOUNDS: dict[str, tuple[float, float]] = {
     "phase": (0.0, tau),
     "phase_sigma": (1e-6, 10.0),
@@ -134,12 +134,12 @@ def extrapolated(report: MemberReport, stamp: float) -> float:
 
 
 def phase_error(before: MemberReport, report: MemberReport) -> float:
-    """Return the distance of a phase from the extrapolation of an earlier one, rad, 0 to pi."""
+    """Return the distance of a phase from the extrapolated phase of an earlier report, rad, 0 to pi."""
     return abs(remainder(report.phase - extrapolated(before, report.stamp), tau))
 
 
 def phase_tolerance(before: MemberReport, report: MemberReport) -> float:
-    """Return the largest plausible distance of a phase from its extrapolation, rad; infinite if one is unknown."""
+    """Return the largest plausible distance of a phase from its extrapolation, rad; infinite if a phase is unknown."""
     if State.SEARCH in (before.state, report.state):
         return inf
     # On the circle the phase grows at its nominal rate, except for changes of the radius. During the approach and the
@@ -181,7 +181,7 @@ class Acceptance:
         hosts: frozenset[str] | None = None,
         most_members: int = MOST_MEMBERS,
     ) -> None:
-        """group, member: own ids. signing, key: of the fleet, both or neither. hosts: accepted ones, None for all."""
+        """group, member: own ids. signing, key: of the fleet, both or neither. hosts: accepted senders, or None."""
         self.members: dict[int, Member] = {}
         self.rejected: Counter[Rejection] = Counter()
         self.accepted = self.copies = 0
@@ -239,7 +239,7 @@ class Acceptance:
         check_numbers(report)
         self._check_time(report, now)
         if report.member == self._member:
-            raise RejectedError(Rejection.SAME_ID, f"the own id {self._member}")
+            raise RejectedError(Rejection.SAME_ID, f"this member has the id {self._member} itself")
         self._check_member(report, address, now)
         self.members[report.member] = Member(report, address, now)
         self.accepted += 1
@@ -319,12 +319,13 @@ class Acceptance:
         self._check_phase(known, report, now)
 
     def _check_phase(self, known: Member, report: MemberReport, now: float) -> None:
-        """Raise RejectedError if a phase contradicts its extrapolation, unless the new phase has lasted."""
+        """Raise RejectedError if a phase contradicts its extrapolation and was not consistent for CONFIRMED_AFTER."""
         error, tolerance = phase_error(known.report, report), phase_tolerance(known.report, report)
         if error <= tolerance:
             return
-        # An estimator that corrects the side of the target jumps once and then continues consistently. A wrong frame
-        # does not continue. Until the new phase is confirmed, the member is extrapolated from its accepted report.
+        # A member whose estimator moves the target to the other side reports one jump of the phase, then consistent
+        # phases. A wrong frame has no consistent successors. Until the new phase is confirmed, keep the last accepted
+        # report, from which the phase of the member is extrapolated.
         first, newest = known.jumped or (report, report)
         if known.jumped and phase_error(newest, report) > phase_tolerance(newest, report):
             first = report

@@ -346,7 +346,7 @@ def _check_multicast(link: FleetLink) -> None:
     except ValueError:
         right = False
     if not right:
-        raise LinkError(f"fleet link {link.address}: is not an IPv4 multicast address: write one such as {MULTICAST}")
+        raise LinkError(f"fleet link: {link.address} is not an IPv4 multicast address, such as {MULTICAST}")
 
 
 def _membership(link: FleetLink) -> bytes:

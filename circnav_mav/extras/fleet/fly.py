@@ -39,9 +39,13 @@ def fly_fleet(
     """Fly, print the table of the fleet, and return the exit code. Raises Refused."""
     for name, value in (("--endpoint", endpoint), ("--speed", speed)):
         if value is not None:
-            raise Refused(f"{name}: not with --fleet, which flies the bundled vehicle as fast as possible: omit it")
+            raise Refused(
+                f"{name}: cannot be used with --fleet, which flies the bundled vehicles at full speed: omit the option"
+            )
     if dry_run or shadow:
-        raise Refused("--dry-run, --shadow: cannot be used with --fleet, which flies the bundled vehicles: omit it")
+        raise Refused(
+            "--dry-run, --shadow: cannot be used with --fleet, which flies the bundled vehicles: omit the option"
+        )
     outlive_terminal()
     stop = StopRequest()
     given = (*overrides, *([f"limits.duration_s={duration}"] if duration is not None else []))
@@ -77,7 +81,7 @@ def _fleet_folder(out: str | None, name: str) -> Path:
     folder = Path(out)
     with refusing(folder):
         if folder.exists() and any(folder.iterdir()):
-            raise Refused(f"--out {out}: is not empty, name another folder")
+            raise Refused(f"--out {out}: the folder is not empty, name another one")
     return folder
 
 

@@ -17,9 +17,9 @@ from circnav_mav.extras.fleet.phase import LAP, wrapped
 from circnav_mav.extras.fleet.report import MemberReport, State
 
 SILENT = 10.0
-"""Largest age of a report, s, up to which a member is extrapolated. After that the other members close the gap."""
+"""Age of a report, s, up to which the member's phase is extrapolated. Later the other members close the gap."""
 GAIN = 0.6
-"""Relative change of the angular rate per error (1/rad)."""
+"""Relative change of the angular rate per slot error (1/rad)."""
 LEAD = 4.0
 """Time in which the radius follows a command, s: 3 s inward and 6 s outward for a plane at 15 m/s."""
 INTEGRAL = 0.2
@@ -27,19 +27,19 @@ INTEGRAL = 0.2
 MAX_TRIM = 0.08
 """Largest value of the integral."""
 TRIM_WITHIN = 0.15
-"""Largest error, rad, for which the integral runs. With larger ones the member would overshoot its slot."""
+"""Largest slot error, rad, for which the integral runs. With larger errors the member would overshoot its slot."""
 FORGET, FORGET_ALONE = 300.0, 30.0
-"""Decay times of the integral, s: in a ring, to remove a part common to all members, and when alone."""
+"""Decay times of the integral, s: in a ring, to remove the part that all members have in common, and when alone."""
 SMOOTHING = 2.0
-"""Time constant of the error, s."""
+"""Time constant of the filter on the slot error, s."""
 MAX_RADIUS_CHANGE, MAX_RADIUS_SHARE, MAX_SPEED_SHARE = 20.0, 0.2, 0.15
-"""Limits of the modulation: radius in m, radius as a share, speed as a share."""
+"""Limits of the changes that space the members: radius in m, radius as a share, speed as a share."""
 LANE, LANE_SHARE = 25.0, 0.25
 """Distance of the outer lane from the circle, m, and its limit as a share of the radius."""
 CLOSE = 0.035
 """Phase difference, rad, below which two members are ordered by id: noise would swap them repeatedly."""
 FORMED = 0.35
-"""Largest error, rad, in a formed ring. A joining member then waits in the outer lane for a gap."""
+"""Largest slot error, rad, in a formed ring. A member that joins a formed ring waits in the outer lane for a gap."""
 LEAST_RING = 2
 """Smallest number of members in a formed ring."""
 CLEARANCE = 0.7

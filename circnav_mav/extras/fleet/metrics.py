@@ -12,7 +12,7 @@ from circnav_mav.extras.fleet.phase import LAP, PhaseMap
 from circnav_mav.extras.fleet.report import State
 
 NEAR_ABOVE, NEAR_BESIDE = 10.0, 25.0
-"""Vertical and horizontal distance, m. Two members are too near each other if both are smaller."""
+"""Vertical and horizontal distance, m. Two members are too near each other if both of their distances are smaller."""
 MAX_DRIFT_CHANGE = 0.5
 """Change of the true drift, m/s, that requires a new map of the true phase."""
 

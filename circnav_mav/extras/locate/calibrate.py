@@ -33,16 +33,16 @@ LEAST = 10
 BINS = 8
 """Number of bins of the error over range."""
 CURVED = 2.0
-"""Distance of a bin from the straight line, in GPS sigmas, from which a table replaces the line."""
+"""Deviation of a bin from scale and bias (a straight line), in GPS sigmas, above which a table of points is used."""
 SHARP = 0.01
 """Standard deviation below which a scale counts as observed: 1 m at 100 m."""
 ROUNDS = 4
-"""Number of refinements of the table and the place: each one changes them less."""
+"""Number of refinements of the table and of the place. Each refinement changes both less than the one before."""
 MISSION_HEIGHT = 0.1
-"""Standard deviation of the mission's height, m. The flight corrects its ranges with the same height. An error of it
-enters the calibration, and the circle still has the true radius."""
+"""Standard deviation of the mission's height, m. The flight corrects its ranges with the same height. An error of the
+height enters the calibration, and the circle still has the true radius."""
 LATE = 0.05
-"""Smallest delay that is corrected, s. At 15 m/s a smaller one changes a range by less than the GPS error."""
+"""Smallest delay that is corrected, s. At 15 m/s a smaller delay changes a range by less than the GPS error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ def calibrate_radio(
     path: str, *, tag: str | None, vehicle: int | None, positions: str | None, range_name: str | None,
     sigma: float | None, gps_sigma: float, altitude: float | None, mission: str | None, out: str | None,
 ) -> int:  # fmt: skip
-    """Print and plot the error over range; write the keys. Raises Refused."""
+    """Print and plot the range error over the true range, and write the keys of [ranging]. Raises Refused."""
     source = Path(path)
     with refusing(source):
         flown = mission_of(source)

@@ -171,7 +171,7 @@ def _say(place: Place, known: Knowledge) -> None:
     scale = f"scale {1 + place.scale:.4f} ±{place.scale_sigma:.4f}" if place.scale_found else NO_SCALE
     say(f"  ranges     noise {place.noise:.2f} m; {at}")
     say(f"  radio      {bias}, {scale}")
-    late = f"timestamps of positions are {place.delay:+.2f} ±{place.delay_sigma:.2f} s later than those of ranges"
+    late = f"timestamps of positions are {place.delay:+.2f} ±{place.delay_sigma:.2f} s later than timestamps of ranges"
     known_clocks = place.delay_sigma < known.delay_sigma
     say(f"  clocks     {late if known_clocks else 'offset not observable: the distance hardly changes'}")
     total = place.used + place.outliers

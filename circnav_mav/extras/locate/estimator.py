@@ -18,7 +18,7 @@ from circnav_mav.extras.locate.place import SIGNIFICANT, Array, Place, Plane
 LEAST = 20
 """Smallest number of ranges for an estimate."""
 MOST = 1000
-"""Largest number of ranges used. More are thinned evenly."""
+"""Largest number of ranges used. A larger number is thinned evenly."""
 GAP = 3.0
 """Longest time, s, between the two positions around a range."""
 FIRST_FIT_RANGES = 150
@@ -31,8 +31,8 @@ fitted as a height: with 2 per correlation time, heights were 20 m off after one
 HUBER, OUTLIER = 2.0, 4.0
 """Residuals, in standard deviations, from which the loss is linear and from which a range is excluded at the end."""
 SAME, AMBIGUOUS = 3.0, 12.0
-"""Distance, in standard deviations, within which two places are the same. Difference in chi-squared (p = 0.002) below
-which a second place may be the right one."""
+"""Distance, in standard deviations, within which two places count as the same. Difference in chi-squared (p = 0.002)
+below which the second-best place may be the right one."""
 MOVING = 18.0
 """Chi-squared of the velocity (two degrees of freedom, p = 1e-4) from which a target counts as moving."""
 SLOWEST = 0.15
@@ -47,8 +47,8 @@ EXPLAINED = 1.3
 UP_KNOWN = 2.0
 """Standard deviation of the height, m, above which it counts as not observed."""
 HARDLY = 5.0
-"""Smallest change of the distance from which the clock offset is observable, in units of range noise plus GPS sigma.
-Below it, variations of the GPS error would be fitted as an offset."""
+"""Change of the distance to the target from which the clock offset is observable, in units of range noise plus GPS
+sigma. With a smaller change, variations of the GPS error would be fitted as an offset."""
 ROUGH = 0.25
 """Largest standard deviation of a valid place, as a share of the median range."""
 E, N, U, BIAS, SCALE, DELAY, VE, VN = range(8)
@@ -169,7 +169,7 @@ def _apart(track: Track, ranges: Ranges) -> str:
 def _moving_starts(track: Track, ranges: Ranges, still: Place | NotLocated, near: Place | None) -> Iterator[Array]:
     """Yield starting points: the previous place, the stationary result, and a line fitted to the vehicle's track.
 
-    The last one assumes that the vehicle circles the target: its mean motion is then the target's.
+    The line assumes that the vehicle circles the target: the mean motion of the vehicle is then the target's.
     """
     if near is not None:
         there = near.at(float(ranges.time[-1]))
@@ -182,7 +182,7 @@ def _moving_starts(track: Track, ranges: Ranges, still: Place | NotLocated, near
 
 
 def _good(place: Place) -> bool:
-    """True if the place is accurate enough and its bias is plausible."""
+    """True if the place is accurate enough and the estimated range bias is plausible."""
     usual = abs(place.bias) < 5 * place.bias_prior
     return bool(usual and place.sigma < max(ROUGH * place.range_scale, 3.0))
 

@@ -1,7 +1,7 @@
 """Hand-back: send MAV_CMD_EXTERNAL_POSITION_ESTIMATE once a second to an autopilot that has lost its position.
 
-No position is sent while the autopilot has an absolute position, or while this is unknown. Sending stops for good if
-the autopilot does not support the command, gives an unexpected answer, or accepts positions without effect.
+No position is sent while the autopilot has an absolute position, or while its status is not reported. Sending stops
+for good if the autopilot does not support the command, gives an unexpected answer, or accepts positions without effect.
 """
 
 from cmath import phase, rect
@@ -33,31 +33,32 @@ REPORTS = {
 }
 """Message id of the estimator report, by firmware."""
 LOST_FOR = 2.0
-"""Time, s, without a position after which the first one is handed back."""
+"""Time, s, for which the autopilot must lack a position before the first one is handed back."""
 ANSWER_PATIENCE, MOST_SILENT = 2.0, 3
 """Time, s, to wait for an answer, and again before the next position because the answer may be late. Number of
 consecutive unanswered positions after which the hand-back stops."""
 AFTER_FAILED = 10.0
-"""Time, s, until the next attempt after FAILED: the autopilot has a position after all, or none that it could reset."""
+"""Time, s, until the next position after the answer FAILED: the autopilot has a position after all, or has none that it
+could reset."""
 LOOK_AFTER, EFFECT, MOST_WITHOUT = 0.5, 30.0, 3
 """Effect of a position on the autopilot: time of the check after acceptance, s; distance between sent and reported
 position, m, from which it had no effect; consecutive positions without effect after which the hand-back stops."""
 LEAST_SIGMA, MOST_SIGMA = 1.0, 300.0
 """Smallest standard deviation sent, m: PX4 makes a hard reset below it. Largest one for which a position is still sent,
-m: an autopilot on its own was several km off."""
+m: the position of an autopilot without hand-back was several km off."""
 MOST_GIVEN = 10_000
 """Number of newest positions kept for handback.csv: 2.7 hours at 1 Hz."""
 PLACE_SIGMA = 15.0
-"""Largest standard deviation of the beacon's place, m, for which positions are derived from it; chosen."""
+"""Largest standard deviation of the beacon's place, m, for which positions are derived from the place; chosen."""
 COMPASS_SIGMA = 0.03
-"""Standard deviation of the compass, rad, after its bias was estimated. Three times larger before."""
+"""Standard deviation of the compass bias, rad, once it is estimated. Before that it is three times larger."""
 WIND_SIGMA, STRAYS = 0.3, 0.6
-"""Error of the wind in dead reckoning, m/s; the same including gusts and the error of the airspeed."""
+"""Velocity error of dead reckoning, m/s: of the wind alone; including gusts and the error of the airspeed."""
 WIND_MEMORY, SCALE_MEMORY = 40.0, 300.0
-"""Averaging times, s, of the wind (about a lap) and of the airspeed scale, which hardly changes. A momentary drift
+"""Averaging times, s, of the wind (about a lap) and of the airspeed scale, which hardly changes. The unfiltered drift
 contains gusts and sideslip: an error of 0.7 m/s put a plane 190 m off on its way home."""
 WIND_CHANGED, CHANGED_FOR = 3.0, 10.0
-"""Change of the drift, m/s, and its duration, s, from which it is a new wind instead of a gust."""
+"""Change of the drift, m/s, and its duration, s, from which the change counts as a new wind instead of a gust."""
 AGREE = 3.0
 """Largest difference between two position estimates that agree, in standard deviations."""
 BIAS_MEMORY = 60.0
@@ -160,7 +161,10 @@ class CompassBias(RunningMean):
 
     @property
     def bias(self) -> tuple[float, float]:
-        """Bias and its standard deviation, rad, counter-clockwise positive. The bias is 0 in the first 10 s of data."""
+        """Compass bias (bearing by compass minus by GPS, counter-clockwise positive) and its standard deviation, rad.
+
+        The bias counts as 0 until 10 s of GPS data were averaged.
+        """
         return (phase(self.value), COMPASS_SIGMA) if self.over > 10.0 else (0.0, 3 * COMPASS_SIGMA)
 
 
@@ -216,7 +220,7 @@ class DeadReckoning:
     def _accepts(self, relative: RelativeMotion, target: Place, flown: PositionEstimate | None) -> bool:
         """True if the filter's position is better than dead reckoning."""
         # On a straight flight away from the target, ranges give no bearing: the filter then extrapolates with the last
-        # drift. Prefer dead reckoning there, unless both differ by so much that the wind must have changed.
+        # drift. Prefer dead reckoning, unless both positions differ by so much that the wind must have changed.
         if flown is None or relative.sigma <= self._strayed:
             return True
         return abs(_from(target, flown) - self._way(relative)) > AGREE * relative.sigma
@@ -320,7 +324,7 @@ class HandBack:
         if self.over or self._waits or now - self._lost_since < LOST_FOR or now < self._due:
             return None
         if where is None or where.sigma > MOST_SIGMA:
-            self._lacks = "the target's place is unknown" if where is None else "no ranges for too long"
+            self._lacks = "the target's place is unknown" if where is None else "the last usable range is too old"
             return None
         self._due, self._waits, self._open, self._look_at = now + INTERVAL, True, True, None
         latitude, longitude = map(float, plane.to_degrees(where.east, where.north))
@@ -352,7 +356,7 @@ class HandBack:
                 self._end(f"the autopilot answered: {answer}")
 
     def reported(self, east: float, north: float, here: PositionEstimate | None, now: float) -> None:
-        """Process a position reported by the vehicle (m). After an acceptance it must be near the one that was sent."""
+        """Process a position reported by the vehicle (m). After an acceptance it must be near the sent position."""
         if self._look_at is None or here is None or now < self._look_at:
             return
         self._look_at = None

@@ -57,11 +57,11 @@ MOST_AHEAD = 5.0
 WINDOW = 600.0
 """Length, s, of the window of positions and ranges used for the estimate."""
 MOST_KEPT = 2000
-"""Largest number of ranges kept. Above it, half of them are dropped: passing thousands to the solver costs a tick."""
+"""Largest number of ranges kept. Above it, every second one is dropped: passing on thousands costs a tick."""
 GONE = 10.0
 """Age of the newest heartbeat, s, after which no position is handed back."""
 AFTER = {dialect.MAVLINK_MSG_ID_ATTITUDE: 10.0, dialect.MAVLINK_MSG_ID_VFR_HUD: 5.0}
-"""Streams for dead reckoning after the pilot has released its own: message id -> Hz."""
+"""Streams for dead reckoning after the pilot has released its own streams: message id -> Hz."""
 SOLVE_EVERY, MESSAGES_EVERY, TEXT_EVERY = 1.0, 1.0, 30.0
 """Shortest time, s, between two estimates, two map updates and two texts to the ground station; chosen."""
 SOLVE_SHARE = 0.03
@@ -72,11 +72,12 @@ HEIGHT_SIGMA = 5.0
 HOME_SIGMA = 50.0
 """Standard deviation, m, of the target height (taken as home) if the mission gives none."""
 RADIUS_OFF = 0.02
-"""Difference between the radius by ranges and by positions that raises an alarm, as a share of the radius. It must also
-exceed the GPS error."""
+"""Difference between the radius by ranges and by positions that raises an alarm, as a share of the radius. The
+difference must also exceed the GPS error."""
 COMPARED_LAPS, MIN_COMPARED, SETTLED = 1.2, 20, 0.05
-"""Comparison of the two radii: newest laps used; smallest number of positions and of ranges in them; largest deviation
-of 90 % of the ranges, as a share of the radius. During the approach the mean distance is not a radius."""
+"""Comparison of the radius by ranges with the radius by positions. Number of newest laps used. Smallest number of
+positions and of ranges in these laps. Deviation from the range on the circle, as a share of the radius, that 90 % of
+the ranges must keep: during the approach the mean distance is not a radius."""
 FRESH_RANGE = 2.0
 """Largest age, s, of the newest range for which the range filter is used in the hand-back."""
 
@@ -95,7 +96,7 @@ class LocateSettings:
 
 
 class Locator:
-    """Receives the same frames as the pilot, after the pilot. It does not change the pilot."""
+    """Receives the same frames as the pilot, after the pilot, and does not change the pilot."""
 
     def __init__(self, settings: LocateSettings, pilot: Pilot, signing: Signing | None = None) -> None:
         self._settings, self._pilot = settings, pilot
@@ -253,7 +254,7 @@ class Locator:
     def job(self, now: float) -> tuple[Plane, Track, Ranges, Knowledge, Place | None] | None:
         """Return the arguments of the next `locate` call, or None if none is due.
 
-        The caller runs it in another process, because it takes several hundredths of a second.
+        The caller runs `locate` in another process, because a call takes several hundredths of a second.
         """
         if now < self._solve_at or self.plane is None or len(self._track) < 2 or not self._ranges:
             return None
@@ -397,7 +398,7 @@ class Locator:
             self._commands.send(camera(place))
 
     def _give_back(self, back: HandBack, place: Place | None, target: tuple[int, int], now: float) -> list[Message]:
-        """Return the position for an autopilot that has lost its own, if one is due."""
+        """Return the command with a position for an autopilot that has lost its own, if a command is due."""
         given, newest = back.settings.place, self._pilot.tracker.newest
         if given is not None:
             self.plane = self.plane or Plane(*given)
@@ -417,7 +418,7 @@ class Locator:
         return own if own is not None and now - own.time <= ATTITUDE_MAX_AGE else None
 
     def _say(self, place: Place | None, now: float) -> None:
-        """Queue STATUSTEXT messages: the place when first found and after it moved; the begin and end of alarms."""
+        """Queue STATUSTEXT messages: the place when first found and when moved; the begin and end of alarms."""
         fault = self.watch.fault
         if fault is not self._fault:
             self._fault = fault

@@ -10,8 +10,8 @@ from circnav_mav.extras.locate.place import Place
 
 def px4(places: Mapping[str, Place]) -> Iterator[str]:
     """Yield commands for PX4's console. PX4 uses these places for RANGING_BEACON messages without a place."""
-    yield "# PX4: RNGBC1_* fill the place into RANGING_BEACON messages of this beacon: pull request 28323 of 2026-08,"
-    yield "# not in a release then. Only RNGBC1_ID is named there: compare the others with param show RNGBC*"
+    yield "# PX4: RNGBC1_* add the place to RANGING_BEACON messages of this beacon: pull request 28323 of 2026-08,"
+    yield "# not in a release then. It names only RNGBC1_ID: compare the other names with param show RNGBC*"
     for number, (tag, place) in enumerate(places.items(), 1):
         prefix = f"RNGBC{number}"
         ident = re.match(r"beacon (\d+)", tag)
@@ -37,7 +37,7 @@ def ardupilot(places: Mapping[str, Place]) -> Iterator[str]:
             continue
         east, north = (float(way) for way in origin.plane.to_metres(place.latitude, place.longitude))
         east, north = east - origin.east, north - origin.north
-        yield f"# {tag}, for the table of your beacon device: {north:.2f} m north, {east:.2f} m east of the origin"
+        yield f"# {tag}: {north:.2f} m north, {east:.2f} m east of the first beacon: set this in your beacon system"
 
 
 def _altitude(place: Place, line: str, prefix: str) -> str:

@@ -57,7 +57,7 @@ class GpsWatch:
 
     def __init__(self) -> None:
         self.fault: FaultSource | None = None
-        """Most likely faulty source now."""
+        """Most likely faulty source now, None without a disagreement."""
         self.alarm = ""
         """Human-readable description of a lasting disagreement, or empty."""
         self._looks: deque[Observation] = deque()
@@ -127,10 +127,10 @@ class GpsWatch:
         by_range = FaultSource.GPS if jumped else FaultSource.BEACON
         fault = by_range if "range" in lasting else FaultSource.COMPASS
         off, _ = (look.bearing_off if fault is FaultSource.COMPASS else look.range_off) or (0.0, 0.0)
-        self.alarm = f"range and GPS disagree by {abs(off):.0f} m: most likely wrong: {fault.value}"
+        self.alarm = f"range and GPS position disagree by {abs(off):.0f} m, most likely wrong: {fault.value}"
         if fault is FaultSource.COMPASS:
             self.alarm = (
-                f"compass and GPS disagree by {degrees(abs(off)):.0f} deg of bearing: most likely wrong: compass"
+                f"bearings by compass and by GPS disagree by {degrees(abs(off)):.0f} deg, most likely wrong: compass"
             )
         if fault is not self.fault:
             self.reported.append((look.time, self.alarm))

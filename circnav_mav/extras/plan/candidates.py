@@ -23,7 +23,7 @@ from circnav_mav.mission.mission import Mission
 CIRCLES = 6
 """Number of candidates; chosen."""
 WIDEST = 4.0
-"""Largest candidate in units of the smallest, if the site does not limit it."""
+"""Largest radius of the candidates, in units of the smallest, if the site does not limit the radius."""
 GUSTS = 2.0
 """Gusts, in standard deviations, that are added to the wind."""
 JUDGED = frozenset({"gain", "turn rate", "drift", "margin", "reach", "height", "rate error", "sampling", "damping"})

@@ -84,7 +84,7 @@ def _radii(start: Mission, site: Site) -> list[float]:
     if least > site.largest:
         raise Refused(
             f"plan: --largest {site.largest:g} m is too small: at {V:g} m/s in {wind:.1f} m/s of wind with gusts the "
-            f"smallest circle is {least:.0f} m: lower --speed or more vehicle.max_bank_deg or max_turn_rate_deg_s"
+            f"smallest radius is {least:.0f} m: lower --speed, or raise vehicle.max_bank_deg or max_turn_rate_deg_s"
         )
     return list(radii(least, site))
 

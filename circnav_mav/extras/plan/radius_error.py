@@ -24,10 +24,11 @@ from circnav_mav.mission.mission import Mission
 GUST_TIME = 3.0
 """Correlation time of gusts, s: default of the emulator."""
 UNSTEADY = 0.002
-"""Gust that the filter sees in calm air, as a share of V: errors of heading and airspeed, and slip. Fitted: plane 0.162
+"""Apparent gust in calm air, as a share of V: errors of heading and airspeed, and slip. Fitted: plane 0.162
 m, copter 0.064 m, rover 0.049 m flown with ranges of 0.5 m at 10 Hz, within 4 % of the model."""
 SEEN = 0.6
-"""Share of a gust that remains, because the accelerometers measure its onset. Fitted: 0.578 m flown in 1.5 m/s."""
+"""Share of a gust that acts on the radius, because the accelerometers measure the onset of the gust. Fitted: 0.578 m
+flown in 1.5 m/s."""
 CARRIED = 0.15
 """Share of a gust that displaces a copter whose autopilot holds its speed over the ground. Estimated from the drag of
 the vehicle (0.185 1/s) and the time in which its autopilot compensates (1 to 2 s)."""

@@ -86,7 +86,7 @@ class Candidates(NamedTuple):
 
 
 class Acquisition:
-    """Searches of those of B flights that have no solution. The window of ranges is filled for all flights."""
+    """Searches for the target of B flights, run while a flight has no solution. The window covers all flights."""
 
     def __init__(self, settings: EstimatorSettings, flights: int, known: Prior | None = None) -> None:
         """known: prior of drift and airspeed scale, common to all flights."""

@@ -66,7 +66,7 @@ class RangeWindow:
         return np.where(self._noise.count >= ROUGH_ENOUGH, np.minimum(self._noise.sigma, sigma), sigma)
 
     def bins(self, at: Batch, sigma: Batch) -> Bins:
-        """Return the bins of the flights `at`, oldest first, with their current variances."""
+        """Return the bins of the flights with the indices `at`, oldest first. sigma: range noise of all flights, m."""
         closed = self._closed[at]
         used = min(closed.max(initial=0), COUNT)
         order = (closed - used + np.arange(used)[:, None]) % COUNT  # includes empty bins of flights with fewer
@@ -81,7 +81,7 @@ class RangeWindow:
         return Bins(age.T, np.swapaxes(path, 1, 2), z.T, np.maximum(variance, 1e-4).T)
 
     def filled(self, at: Batch) -> Batch:
-        """Return the number of bins with at least one sample, (B,)."""
+        """Return the number of bins with at least one sample, for each of the flights with the indices `at`."""
         return np.isfinite(self._bins[4][:, at]).sum(axis=0)
 
     def _roughen(self, z: Batch, valid: Batch) -> None:
@@ -92,7 +92,7 @@ class RangeWindow:
         self._newest = np.where(valid, three[1:], self._newest)
 
     def _close(self, at: Batch, sigma: Batch) -> None:
-        """Close the open bins of the flights `at`: average their samples without those far from the median."""
+        """Close the open bins of the flights with the indices `at`: average the samples that are near their median."""
         open_ = self._open[..., at]
         z = open_[3]
         good = np.abs(z - quantile(z, 0.5)) <= self._speed * WIDTH + 4 * sigma[at]

@@ -17,8 +17,8 @@ from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, Ra
 GAP = 20.0
 """Longest time without ranges, s. After a longer one the filters restart."""
 MEMORY = 10.0
-"""Least age, s, of the drift that is kept for a restart after such a gap. Newer estimates may already be affected by
-the cause of the gap."""
+"""Least age, s, of the drift estimate that is kept for a restart after a gap without ranges. A newer estimate may
+already be affected by the cause of the gap."""
 GROWN = 1.1
 """Largest uncertainty of a prediction that may steer, relative to the estimate's uncertainty at the newest range."""
 REMEMBERED, FORGOTTEN = 0.03, 1e-3
@@ -29,8 +29,8 @@ wind and target velocity change by about 0.8 m/s in a minute."""
 class DriftEstimator(Estimator):
     """Estimates position relative to the target and drift from range, heading, turn rate and airspeed.
 
-    It is ready only if own motion covers the times of the ranges and the estimate is trusted. Late, repeated and
-    reordered samples are rejected.
+    The estimator is ready only if own motion covers the times of the ranges and the estimate is trusted. Late, repeated
+    and reordered samples are rejected.
     """
 
     def __init__(self, settings: EstimatorSettings) -> None:
@@ -152,7 +152,7 @@ class DriftEstimator(Estimator):
         self.bank = MultipleModelFilter(self._settings, known=known)
 
     def _remember(self, now: float) -> None:
-        """Store drift and airspeed scale every MEMORY seconds, and keep the values before."""
+        """Store drift and airspeed scale every MEMORY seconds, and keep the previously stored values."""
         if self.ready and (self._lately is None or now - self._lately[0] > MEMORY):
             (dx, dy), scale = drift(self.bank.mean[:, 0]), float(self.bank.mean[KAPPA, 0])
             known = Prior(REMEMBERED * self._settings.speed, dx=float(dx), dy=float(dy), scale=scale)
@@ -186,8 +186,8 @@ class AutoEstimator(Estimator):
         self.drift.move(motion)
 
     def observe(self, sample: RangeSample) -> Fused:
-        """Add a sample. Reject it only if it fits neither estimator: `drift` rejects correct ranges while its position
-        is wrong."""
+        """Add a sample. Reject the sample only if it fits neither estimator: while the position of `drift` is wrong,
+        `drift` rejects correct ranges."""
         by_drift, by_range = self.drift.observe(sample), self.kalman.observe(sample)
         return by_range if by_drift is Fused.GATED or not self.drift.ready else by_drift
 
@@ -216,6 +216,6 @@ def _step(before: PathPoint, after: PathPoint) -> tuple[Array, Array]:
 
 
 def _velocity_change(before: PathPoint | None, after: PathPoint) -> VelocityChange | None:
-    """Return the accelerations measured between two points as arrays for a single flight, or None."""
+    """Return the acceleration measured between two points of the path, as arrays of one flight. None: not measured."""
     felt = None if before is None else after.velocity_change_since(before)
     return None if felt is None else VelocityChange(*(np.array(part)[..., None] for part in felt))

@@ -24,14 +24,16 @@ ARDUPILOT = Firmware(
 
 def gcs_failsafe(what_follows: str) -> Judge:
     """Return a judge of FS_GCS_ENABLE."""
-    lost = f"without a ground station's heartbeat {what_follows}; ours does not count as one, so keep yours connected"
+    lost = f"without a ground station's heartbeat {what_follows}; ours does not count, so keep the station connected"
     return one_of({0: (PASS, "no ground-station failsafe")}, (WARN, lost))
 
 
 def ekf_action(what_follows: str) -> Judge:
     """Return a judge of FS_EKF_ACTION."""
-    none = "no action when the position estimate fails: it may continue without a speed estimate"
-    leaves = f"when the position estimate fails it leaves GUIDED and {what_follows}: the flight ends as a takeover"
+    none = "no action when the position estimate fails: the flight may continue without a speed estimate"
+    leaves = (
+        f"when the position estimate fails, the vehicle leaves GUIDED and {what_follows}: the flight ends as a takeover"
+    )
     return one_of({0: (WARN, none)}, (PASS, leaves))
 
 
@@ -39,7 +41,10 @@ def _gcs_system(value: float, context: Context) -> Verdict:
     if value == context.system:
         hides = "our heartbeat would hide the loss of the ground station"
         return WARN, f"the system id of the vehicle, and so ours: {hides}"
-    return PASS, "the system id of the ground station; ours is the vehicle's, so its failsafe ignores our heartbeat"
+    return (
+        PASS,
+        "the system id of the ground station; circnav uses that of the vehicle, so the failsafe ignores our heartbeat",
+    )
 
 
 _FENCE_ON = (WARN, "a fence is active: a circle that reaches it ends by the fence's action")

@@ -31,23 +31,23 @@ FOLLOWED = 1.1
 def _guided_options(value: float, context: Context) -> Verdict:
     bits = int(value)
     if bits & (1 << 4 | 1 << 5):
-        return WARN, "bits 4 and 5 disable the position and velocity controllers: it may not hold the speed"
-    yaw = "ignored" if bits & 1 << 2 else "not ignored: do not move it"
+        return WARN, "bits 4 and 5 disable the position and velocity controllers: the copter may not hold the speed"
+    yaw = "ignored" if bits & 1 << 2 else "not ignored: do not move the stick"
     return PASS, f"velocity is held; the pilot's yaw stick is {yaw}"
 
 
 def _acceleration(value: float, context: Context) -> Verdict:
-    """Judge WPNAV_ACCEL, m/s^2.
+    """Judge WPNAV_ACCEL, m/s^2: the acceleration must suffice for turns at the mission's turn-rate limit.
 
-    In flight at 5 m/s with 2.5 m/s^2, turns of 45 deg/s settled after 16 to 68 s, and turns of 30 deg/s after 14 to
-    31 s.
+    At 5 m/s with 2.5 m/s^2, flights with a limit of 45 deg/s settled on the circle after 16 to 68 s, flights with a
+    limit of 30 deg/s after 14 to 31 s.
     """
     asked = radians(context.max_turn_rate_deg) * context.speed
     words = f"turns at the mission's limit need {asked:.1f} m/s^2"
     if asked <= FOLLOWED * value:
         return PASS, f"{words}: the path follows"
     enough = floor(degrees(FOLLOWED * value / context.speed))
-    return WARN, f"{words}, more than it flies: lower vehicle.max_turn_rate_deg_s to {enough} to settle sooner"
+    return WARN, f"{words}, more than the copter flies: lower vehicle.max_turn_rate_deg_s to {enough} to settle sooner"
 
 
 def _enough_acceleration(context: Context) -> float:
@@ -84,7 +84,7 @@ class ArduCopter(Autopilot):
     parameters = (
         rule("GUID_TIMEOUT", timeout("brakes and hovers in GUIDED"), advised=always(3.0)),
         rule("GUID_OPTIONS", _guided_options),
-        rule("FS_GCS_ENABLE", gcs_failsafe("it leaves GUIDED after 5 s (1: RTL)")),
+        rule("FS_GCS_ENABLE", gcs_failsafe("the copter leaves GUIDED after 5 s (1: RTL)")),
         GCS_SYSTEM,
         rule("FS_EKF_ACTION", ekf_action("lands (1) or holds height (2), some 8 s after GPS is gone")),
         Rule((("WP_SPD", 1.0), ("WPNAV_SPEED", 0.01)), velocity_limit, unit="m/s", advised=enough_speed(10.0)),

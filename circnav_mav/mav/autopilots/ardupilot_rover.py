@@ -12,8 +12,8 @@ from circnav_mav.mav.setpoint_guard import Steer
 
 _clips = at_least(
     lambda mission: mission.speed,
-    "the mission's {:g} m/s is within it",
-    "the rover clips the mission's {:g} m/s to this: lower vehicle.speed_mps or raise it",
+    "not below the mission's {:g} m/s",
+    "below the mission's {:g} m/s, which the rover limits to this value: raise it, or lower vehicle.speed_mps",
 )
 
 
@@ -30,7 +30,8 @@ class ArduRover(Autopilot):
     """GUIDED (15): speed and yaw rate. Needs an EKF origin and a speed (GPS or wheel encoders).
 
     SET_POSITION_TARGET_LOCAL_NED mask 0x5C7: the copter's mask, but bits 6 to 8 (ignore acceleration) must be set.
-    Rover ignores the frame. Without setpoints for 3 s (fixed) it stops, reports that and stays in GUIDED.
+    Rover ignores the frame. After 3 s without setpoints (a constant, not a parameter) the rover stops, sends a
+    STATUSTEXT and stays in GUIDED.
     """
 
     MASK = 0x5C7
@@ -51,7 +52,7 @@ class ArduRover(Autopilot):
     parameters = (
         rule("WP_SPEED", _wp_speed, advised=mission_speed),
         rule("CRUISE_SPEED", _cruise_speed, advised=mission_speed),
-        rule("FS_GCS_ENABLE", gcs_failsafe("it goes to HOLD after 5 to 7 s")),
+        rule("FS_GCS_ENABLE", gcs_failsafe("the rover enters HOLD after 5 to 7 s")),
         GCS_SYSTEM,
         rule("FS_EKF_ACTION", ekf_action("stops in HOLD, some 8 s after GPS is gone")),
         FENCE,

@@ -92,7 +92,7 @@ class Autopilot(ABC):
     bundled: ClassVar[tuple[str, ...]]
     """Profiles of the bundled vehicle that emulate it."""
     vehicle_types: ClassVar[frozenset[int]]
-    """MAV_TYPE values of its HEARTBEAT."""
+    """MAV_TYPE values in the vehicle's HEARTBEAT."""
     guided_mode: ClassVar[int]
     """custom_mode in which the vehicle follows setpoints."""
     mode_names: ClassVar[Mapping[int, str]]
@@ -110,15 +110,15 @@ class Autopilot(ABC):
     parameters: ClassVar[tuple[Rule, ...]]
     """Rules for the autopilot's parameters that affect a flight."""
     flies: ClassVar[bool] = True
-    """True if it must be in the air before it is engaged."""
+    """True if the vehicle must be in the air before it is engaged."""
     banks: ClassVar[bool] = False
-    """True if it turns by banking. The mission must then limit its bank."""
+    """True if the vehicle turns by banking. The mission must then limit the bank."""
     measures_airspeed: ClassVar[bool] = False
     """True if VFR_HUD.airspeed is measured. A copter without a sensor sends its ground speed there."""
     cruises: ClassVar[bool] = False
-    """True if the autopilot holds its own airspeed and ignores the mission's."""
+    """True if the autopilot holds the airspeed of its own parameter and ignores the mission's."""
     ground_speed_sigma: ClassVar[float | None] = None
-    """Relative error of the ground speed to the commanded one, share. None if the wind moves the vehicle."""
+    """Standard deviation of the ground speed, as a share of the commanded speed. None if the wind moves the vehicle."""
     velocity_loop: ClassVar[VelocityLoop | None] = None
     """Gains of the autopilot's velocity loop, for the lag of the velocity; None if the vehicle flies along its nose."""
     least_turn_gain: ClassVar[float] = 1.0

@@ -122,13 +122,13 @@ def timeout(what_follows: str) -> Judge:
     """Return a judge of the setpoint timeout, s."""
 
     def judge(seconds: float, context: Context) -> Verdict:
-        words = f"{seconds:g} s after the last setpoint it {what_follows}"
+        words = f"{seconds:g} s after the last setpoint the vehicle {what_follows}"
         if seconds < 2 * context.tick:
             return FAIL, f"{words}: shorter than two steps (limits.tick_hz)"
         if seconds < SHORT_TIMEOUT:
             return WARN, f"{words}: a short outage of the link is enough"
         if seconds > LONG_TIMEOUT:
-            return WARN, f"{words}: it flies uncontrolled for long"
+            return WARN, f"{words}: a long time without control"
         return PASS, words
 
     return judge
@@ -151,18 +151,18 @@ def least_airspeed(value: float, context: Context) -> Verdict:
 most_airspeed = at_least(lambda mission: mission.speed, "above the mission's {:g} m/s", "below the mission's {:g} m/s")
 bank_limit = at_least(
     lambda mission: mission.max_bank_deg,
-    "the mission's bank limit of {:g} deg is within it",
-    "the autopilot banks less than the mission's {:g} deg: lower vehicle.max_bank_deg",
+    "not below the mission's {:g} deg",
+    "below the mission's {:g} deg, so the autopilot banks less: lower vehicle.max_bank_deg",
 )
 COPTER_DRAG = 0.3
 """Default drag coefficient of a bare quadrotor, 1/s. Simulated and flown copters have 0.15 to 1."""
 
 
 def lean_limit(degrees_: float, context: Context) -> Verdict:
-    """Judge the lean limit of a copter, deg. It leans against the airflow at V plus wind, and into its circle."""
+    """Judge the lean limit of a copter, deg. A copter leans against the airflow at V plus wind, and into its circle."""
     push, inward = GRAVITY * tan(radians(min(max(degrees_, 0.0), 80.0))), context.speed * context.circle_turn_rate
     wind = sqrt(max(push**2 - inward**2, 0.0)) / COPTER_DRAG - context.speed
-    leans = f"it leans {degrees_:g} deg at most"
+    leans = f"the copter leans {degrees_:g} deg at most"
     if wind <= 0:
         return WARN, f"{leans}: at a drag of {COPTER_DRAG:g}/s too little for {context.speed:g} m/s even in still air"
     words = f"{leans}: at a drag of {COPTER_DRAG:g}/s it holds {context.speed:g} m/s in wind up to {wind:.0f} m/s"
@@ -181,7 +181,7 @@ def enough_lean(usual: float) -> Callable[[Context], float]:
 
 velocity_limit = at_least(
     lambda mission: mission.speed,
-    "the mission's {:g} m/s is within it",
-    "slower than the mission's {:g} m/s: the autopilot may not fly it",
+    "not below the mission's {:g} m/s",
+    "below the mission's {:g} m/s: the autopilot may not reach the speed of the mission",
     WARN,
 )

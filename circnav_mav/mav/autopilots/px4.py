@@ -78,7 +78,7 @@ class PX4Vehicle(Autopilot):
 def _offboard_loss(value: float, context: Context) -> Verdict:
     modes = ("POSCTL", "ALTCTL", "STABILIZED", "RTL", "LAND", "LOITER")
     if not 0 <= value < len(modes):
-        return FAIL, "when setpoints stop it is disarmed or terminated in the air"
+        return FAIL, "when setpoints stop, the vehicle is disarmed or terminated in the air"
     to_pilot = " for the pilot, RTL without a transmitter" if value < modes.index("RTL") else ""
     return PASS, f"when setpoints stop: {modes[int(value)]}{to_pilot}"
 
@@ -86,7 +86,7 @@ def _offboard_loss(value: float, context: Context) -> Verdict:
 def _sticks_override(value: float, context: Context) -> Verdict:
     if int(value) & 1 << 1:
         return PASS, "in OFFBOARD the pilot takes over by moving the sticks, or by a mode"
-    return PASS, "in OFFBOARD the pilot's sticks do nothing; a change of mode takes the vehicle"
+    return PASS, "in OFFBOARD the pilot's sticks do nothing; the pilot takes over by changing the mode"
 
 
 _NOT_PASSED = (FAIL, "setpoints from MAVLink are not passed to the controllers: set it to 1")
@@ -100,7 +100,7 @@ OFFBOARD_RULES = (
     ),
     rule(
         "COM_OF_LOSS_T",
-        timeout("falls into its failsafe (and returns by itself when setpoints do)"),
+        timeout("enters its failsafe (and OFFBOARD again when setpoints resume)"),
         advised=always(1.0),
     ),
     rule("COM_OBL_RC_ACT", _offboard_loss),

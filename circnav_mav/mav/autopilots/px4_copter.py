@@ -20,8 +20,8 @@ from circnav_mav.mav.setpoint_guard import MAX_CLIMB, Steer
 
 _yaw_rate_limit = at_least(
     lambda mission: mission.max_turn_rate_deg,
-    "the mission's limit of {:g} deg/s is within it",
-    "the vehicle turns slower than the mission's limit of {:g} deg/s: lower it",
+    "not below the mission's limit of {:g} deg/s",
+    "below the mission's limit of {:g} deg/s, so the vehicle turns slower: lower vehicle.max_turn_rate_deg_s",
 )
 
 

@@ -39,7 +39,7 @@ _OTHER_STICKS = (WARN, "the pilot's transmitter may replace our sticks: set it t
 
 
 def _stick_loss(value: float, context: Context) -> Verdict:
-    words = f"{value:g} s after our last stick manual control counts as lost (NAV_RCL_ACT)"
+    words = f"{value:g} s after our last stick message, manual control counts as lost (NAV_RCL_ACT)"
     if value < 2 * context.tick:
         return FAIL, f"{words}: shorter than two steps (limits.tick_hz)"
     return (WARN if value < SHORT_TIMEOUT else PASS), words
@@ -48,24 +48,24 @@ def _stick_loss(value: float, context: Context) -> Verdict:
 def _stick_loss_action(value: float, context: Context) -> Verdict:
     """Judge NAV_RCL_ACT: PX4's action when our stick messages end.
 
-    PX4 then reports lost manual control in any mode, because it has received some before.
+    PX4 then reports lost manual control in any mode, because it has received stick messages before.
     """
-    when = "when our sticks end (takeover, end of the mission, our exit), in any mode but those of COM_RCL_EXCEPT"
+    when = "when our stick messages end (takeover, exit action), in any mode but those of COM_RCL_EXCEPT"
     if stops := _STOPS_MOTORS.get(int(value)):
-        return FAIL, f"{when}, it {stops} in the air: set it to 2 (RTL) or 1 (Hold)"
+        return FAIL, f"{when}, PX4 {stops} in the air: set 2 (RTL) or 1 (Hold)"
     if follows := _STICK_LOSS.get(int(value)):
-        return PASS, f"{when}, it holds for COM_FAIL_ACT_T, then {follows}"
-    return WARN, f"{when}, this value is undefined: set it to 2 (RTL) or 1 (Hold)"
+        return PASS, f"{when}, the plane stays in Hold for COM_FAIL_ACT_T, then {follows}"
+    return WARN, f"{when}, the action is undefined: set 2 (RTL) or 1 (Hold)"
 
 
 def _stick_loss_exceptions(value: float, context: Context) -> Verdict:
     if int(value) & _HOLD_EXCEPTED:
-        return PASS, "a plane given back or taken over in Hold (LOITER) stays there without our sticks"
+        return PASS, "a plane given back or taken over in Hold (LOITER) stays there without our stick messages"
     follows = _STICK_LOSS.get(context.values.get("NAV_RCL_ACT", _STOCK_STICK_LOSS), "follows NAV_RCL_ACT")
     if follows == _STICK_LOSS[1]:
         return PASS, "Hold is not excepted, but NAV_RCL_ACT commands Hold, too"
     return WARN, (
-        f"a plane given back or taken over in Hold (LOITER) does not stay there, it {follows}: add 2 (bit 1, Hold)"
+        f"a plane given back or taken over in Hold (LOITER) does not stay there, but {follows}: add 2 (bit 1, Hold)"
     )
 
 

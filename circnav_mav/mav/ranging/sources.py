@@ -24,8 +24,8 @@ KEPT = 256
 ECHO_ERROR = 0.015
 """Largest difference between a range and its echo, m. PX4 truncates the conversion to centimeters."""
 JUDGED, JUDGED_LEAST = 8, 3
-"""Most and least newest ranges of a suspected echo that are compared. Half of them must be repetitions, because some
-originals may be lost on the link."""
+"""Largest and smallest number of newest ranges of a suspected echo that are compared. Half of them must be repetitions,
+because some originals may be lost on the link."""
 
 
 class RangeSource(NamedTuple):

@@ -237,7 +237,7 @@ def test_a_flood_costs_a_bounded_step_and_the_next_report_is_received():
 @pytest.mark.parametrize(
     ("link", "words"),
     [
-        (FleetLink(address="10.0.0.1"), "is not an IPv4 multicast address: write one such as 239.255.145.51"),
+        (FleetLink(address="10.0.0.1"), "is not an IPv4 multicast address, such as 239.255.145.51"),
         (FleetLink(peers=("10.0.0.2",)), "'10.0.0.2': write HOST:PORT"),
         (FleetLink(peers=("[::1]:14560", "10.0.0.2:14560")), "use either IPv4 or IPv6 for all of them"),
     ],

@@ -448,7 +448,7 @@ def test_parameters_give_the_place_the_known_height_and_what_32_bits_lose():
     ardupilot = list(PARAMETERS["ardupilot"]({"beacon 3 of 1/1": known, "b": other}))
     assert ardupilot[1:] == ["BCN_LATITUDE,-35.36300000", "BCN_LONGITUDE,149.16500000", "BCN_ALT,584.20",
                              "BCN_ORIENT_YAW,0",
-                             "# b, for the table of your beacon device: -40.00 m north, 30.00 m east of the origin",
+                             "# b: -40.00 m north, 30.00 m east of the first beacon: set this in your beacon system",
                             ]  # fmt: skip
     lost = np.hypot(*Plane(*BEACON).to_metres(float(np.float32(BEACON[0])), float(np.float32(BEACON[1]))))
     assert f"32-bit numbers change the coordinates by {lost:.1f} m" in ardupilot[0]

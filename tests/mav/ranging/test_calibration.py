@@ -51,7 +51,7 @@ def test_a_reading_below_that_of_length_zero_is_no_range():
     [
         ("ranging.points_m=[[0, 4.4]]", "both rising"),
         ("ranging.points_m=[[0, 4.4], [50, 4.4]]", "both rising"),
-        ("ranging.points_m=[[0, 4.4], [50, 57.6]]|ranging.scale=1.1", "includes scale and bias_m"),
+        ("ranging.points_m=[[0, 4.4], [50, 57.6]]|ranging.scale=1.1", "replaces scale and bias_m"),
         ("ranging.scale=0.0", "scale"),
     ],
 )

@@ -77,7 +77,10 @@ ROWS = (
     Row("PX4 plane by attitude, calm", "px4_plane_attitude", 0.30, 2.0),
     Row("PX4 plane by attitude, wind 2", "px4_plane_attitude --wind 2", 0.30, 2.0),
 )  # fmt: skip
-HEAD = "| flight | RMS m (aim) | least to most | turn sd deg/s (aim) | settled s |\n|---|---|---|---|---|"
+HEAD = (
+    "| flight (wind, V: m/s; R: m) | RMS, m (aim) | RMS of the seeds, m | turn sd, deg/s (aim) | settled, s |\n"
+    "|---|---|---|---|---|"
+)
 
 
 def words(row: Row, seed: int, extra: list[str]) -> list[str]:

@@ -124,8 +124,8 @@ def with_positions(logs: Sequence[RangeLog], carriers: Sequence[RangeLog], sourc
         if (log.epoch is None) != (track.epoch is None):
             utc, other = ("ranges", "positions") if track.epoch is None else ("positions", "ranges")
             raise RunError(
-                f"{source}: the {utc} have UTC, the {other} another clock: give the times of the {other} as ISO "
-                "8601 or in seconds since 1970"
+                f"{source}: the {utc} have UTC, the {other} another clock: write the times of the {other} in UTC, in "
+                "ISO 8601 or as seconds since 1970"
             )
         if log.epoch is not None and track.epoch is not None:
             later = log.epoch - track.epoch
