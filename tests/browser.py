@@ -13,7 +13,7 @@ OPTIONS = ("--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-pi
 
 
 class Browser:
-    """One page. `complaints`: what its console and its uncaught errors said."""
+    """One page. complaints: texts of its console and of its uncaught errors."""
 
     def __init__(self, profile: Path) -> None:
         assert CHROMIUM is not None
@@ -44,29 +44,29 @@ class Browser:
             pass
 
     def value(self, expression: str) -> Any:
-        """What an expression of JavaScript (a promise too) comes to in the page."""
+        """Return the value of a JavaScript expression (also a promise) in the page."""
         answer = self._ask("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
 
     def until(self, condition: str) -> None:
-        """Wait until a condition of JavaScript holds in the page, for a minute at most."""
+        """Wait until a JavaScript condition is true in the page, for a minute at most."""
         look = f"if ({condition}) yes(true); else if (performance.now() > end) yes(false); else setTimeout(look, 50)"
         asked = f"new Promise(yes => {{ const end = performance.now() + 60000, look = () => {{ {look}; }}; look(); }})"
         said = "" if self.value(asked) else self.value("document.body.innerText")
         assert not said, f"never became true: {condition}; the page says: {said}"
 
     def mouse(self, what: str, x: float, y: float) -> None:
-        """A mousePressed, mouseMoved or mouseReleased at a place of the window."""
+        """Send a mousePressed, mouseMoved or mouseReleased at a position in the window."""
         button = {} if what == "mouseMoved" else {"button": "left", "clickCount": 1}
         self._ask("Input.dispatchMouseEvent", type=what, x=x, y=y, **button)
 
     def picture(self, path: Path) -> None:
-        """A PNG of the page."""
+        """Return a PNG of the page."""
         path.write_bytes(base64.b64decode(self._ask("Page.captureScreenshot")["data"]))
 
     def close(self) -> None:
-        """End it."""
+        """End the browser."""
         self._process.terminate()
         self._process.wait()
         os.close(self._out)

@@ -1,4 +1,4 @@
-"""The command line run inside the test, with its exit code and what it printed; and a flight for it to read."""
+"""The command line run inside the test, with exit code and output, and a recorded flight as input."""
 
 import importlib
 import json
@@ -28,7 +28,7 @@ FULL = "circnav: standard output cannot be written: No space left on device\n"
 
 @dataclass
 class Ran:
-    """How a command ended."""
+    """Exit code and output of a command."""
 
     code: int
     out: str
@@ -36,13 +36,13 @@ class Ran:
 
     @property
     def done(self) -> str:
-        """What it printed, and nothing was wrong."""
+        """Output of a command without errors."""
         assert (self.code, self.err) == (0, ""), self.out
         return self.out
 
     @property
     def line(self) -> str:
-        """What a person was told: one line, and no traceback."""
+        """Error message for a person: one line, no traceback."""
         lines = self.err.strip().splitlines()
         assert len(lines) == 1, self.err
         assert "Traceback" not in self.out + self.err
@@ -50,7 +50,7 @@ class Ran:
 
     @property
     def refused(self) -> str:
-        """The line of a command that was used wrongly."""
+        """Error line of a wrong use."""
         before, _, told = self.line.partition("circnav: ")
         assert (self.code, before) == (2, "")
         return told
@@ -79,7 +79,7 @@ def circnav(
 
 @pytest.fixture
 def mission(tmp_path: Path) -> Path:
-    """A mission file that a real vehicle would have to answer; it waits for 0.3 s."""
+    """A mission file for a real vehicle that does not answer; it waits for 0.3 s."""
     path = tmp_path / "mission.toml"
     path.write_text(small_mission.TEXT.replace('127.0.0.1:14550"', '127.0.0.1:0"\nwait_s = 0.3'), encoding="utf-8")
     return path
@@ -87,8 +87,7 @@ def mission(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The run folder of 10 s of the quickstart, without summary.json, as of a process that was killed. Nobody writes
-    into it."""
+    """Run folder of 10 s of the quickstart, without summary.json, as after a killed process. Read only."""
     folder = tmp_path_factory.mktemp("flown")
     recorded_flight(folder, "quickstart", "limits.duration_s=10").fly(20).recorder.close()
     return folder
@@ -96,34 +95,34 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def run(flown: Path, tmp_path: Path) -> Path:
-    """A copy of it."""
+    """A copy of the flown run folder."""
     return shutil.copytree(flown, tmp_path / "run")
 
 
 @pytest.fixture
 def with_manifest(run: Path) -> Callable[..., None]:
-    """Changes values of the run's manifest.json: with_manifest(output_mode="shadow")."""
+    """Return a function that changes values of the run's manifest.json: with_manifest(output_mode="shadow")."""
     path = run / "manifest.json"
     return lambda **changed: path.write_text(json.dumps(json.loads(path.read_text()) | changed)) and None
 
 
 @pytest.fixture
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Reports without flight.png, which takes nearly all of their time to draw."""
+    """Write reports without flight.png, which takes most of their time to draw."""
     module = importlib.import_module("circnav_mav.cli.report")  # the package's `report` is the command
     monkeypatch.setattr(module, "plot_flight", lambda path, *what: path.write_bytes(b"a picture"))
 
 
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Flights end without their pictures, which a process of its own takes a second to draw."""
+    """End flights without their pictures, which take a separate process 1 s to draw."""
     fly = importlib.import_module("circnav_mav.cli.fly")  # the package's `fly` is the command
     monkeypatch.setattr(fly, "Drawing", lambda folder: SimpleNamespace(draw=list))
 
 
 @pytest.fixture
 def busy_port() -> Iterator[int]:
-    """A UDP port that somebody else has."""
+    """A UDP port in use by another socket."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", 0))
         yield other.getsockname()[1]
@@ -131,7 +130,7 @@ def busy_port() -> Iterator[int]:
 
 @pytest.fixture(scope="session")
 def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    """A browser for all tests: it takes seconds to start."""
+    """A browser for all tests, because it takes seconds to start."""
     if CHROMIUM is None:
         pytest.skip("no Chromium here")
     with closing(Browser(tmp_path_factory.mktemp("profile"))) as browser:
@@ -140,15 +139,15 @@ def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 
 @pytest.fixture
 def browser(chromium: Browser) -> Browser:
-    """A page in which nothing has gone wrong yet."""
+    """A page without errors so far."""
     chromium.open("about:blank")
     chromium.complaints.clear()
     return chromium
 
 
 def ended(place, command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, *, limit="-f unlimited", **environment):
-    """How `circnav COMMAND` ends under a limit of `ulimit`. A file that may not be longer (-f, kB) is a full disk to
-    the kernel; bytecode would be cut off, too."""
+    """Run `circnav COMMAND` under a limit of `ulimit`. For the kernel, a limited file size (-f, kB) is a full disk.
+    No bytecode is written, because it would be cut off too."""
     program = ["-c", UNDRAWN] if command.startswith("fly") else ["-m", "circnav_mav"]
     words = [sys.executable, "-B", *program, *command.split()]
     return subprocess.run(

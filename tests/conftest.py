@@ -1,5 +1,8 @@
-"""What holds for every test: property tests draw the same examples on every machine, a slow machine is no failure, no
-two tests share a port, and each process computes on one core."""
+"""Settings of all tests.
+
+Property tests draw the same examples on every machine, and a slow machine is no failure. No two tests share a port.
+Each process computes on one core.
+"""
 
 import os
 from collections.abc import Iterator
@@ -15,12 +18,12 @@ settings.load_profile("seeded")
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """One worker more than there are processors: while one waits for a process or a socket, another computes."""
+    """One worker more than processors: while one waits for a process or a socket, another computes."""
     return (os.cpu_count() or 1) + 1
 
 
 @pytest.fixture
 def port() -> Iterator[int]:
-    """A port that is nobody else's, UDP and TCP."""
+    """A free port, UDP and TCP."""
     with reserved_port() as number:
         yield number

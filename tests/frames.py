@@ -1,4 +1,4 @@
-"""What stands in a MAVLink 2 frame, and the same frame with something else in it."""
+"""Contents of a MAVLink 2 frame, and the same frame with changed fields."""
 
 from typing import Any
 
@@ -26,12 +26,12 @@ def sender(frame: bytes) -> tuple[int, int]:
 
 
 def read(frame: bytes) -> Any:
-    """The message in a good frame."""
+    """Return the message in a good frame."""
     return mavlink.MAVLink(None).decode(bytearray(frame))
 
 
 def rewritten(frame: bytes, **fields: float) -> bytes:
-    """The same frame with other values in some fields."""
+    """Return the same frame with other values in some fields."""
     message = read(frame)
     values = {name: fields.get(name, getattr(message, name)) for name in message.fieldnames}
     texts = {name: value.encode("ascii", "replace") for name, value in values.items() if isinstance(value, str)}

@@ -1,4 +1,4 @@
-"""The command line as a process of its own, and ports that no other test on this machine has while they are used."""
+"""The command line as a separate process, and ports that are reserved for one test at a time on this machine."""
 
 import itertools
 import os
@@ -14,11 +14,11 @@ ROOT = Path(__file__).parents[1]
 QUICKSTART = str(ROOT / "config" / "quickstart.toml")
 COPTER = str(ROOT / "config" / "arducopter.toml")
 PATIENCE = 300.0
-"""Time, s, after which a process counts as hanging; how long it takes on a busy machine is not judged."""
+"""Time, s, after which a process counts as hanging. Tests do not judge its duration on a busy machine."""
 
 
 UNHURRIED = ("--set", "limits.stale_s=4.0")
-"""What lets a vehicle or a radio that stood still for a moment pass where it is not judged how late they are."""
+"""Accept data of a vehicle or radio that stopped for a moment, in tests that do not judge delays."""
 
 
 UNDRAWN = """
@@ -31,15 +31,15 @@ main()
 
 
 def circnav(*arguments: str, drawn: bool = True) -> subprocess.Popen[str]:
-    """Start it; what it prints and its errors can be read. drawn: whether a flight ends with its pictures, which take a
-    process some seconds."""
+    """Start circnav with readable output and errors. drawn: end a flight with its pictures, which take a process
+    some seconds."""
     return python(*(("-m", "circnav_mav") if drawn else ("-c", UNDRAWN)), *arguments)
 
 
 def python(
     *arguments: str, stdin: int | None = None, stderr: int = subprocess.PIPE, **environment: str
 ) -> subprocess.Popen[str]:
-    """The same of any Python program, from the project's folder."""
+    """Start any Python program in the same way, from the project's folder."""
     return subprocess.Popen(
         [sys.executable, *arguments], stdin=stdin, stdout=subprocess.PIPE, stderr=stderr, text=True, cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
@@ -48,7 +48,7 @@ def python(
 
 @contextmanager
 def running(process: subprocess.Popen[str]) -> Iterator[subprocess.Popen[str]]:
-    """A process that ends with the block, however that ends."""
+    """End a process when the block ends, also by an exception."""
     try:
         yield process
     finally:
@@ -57,7 +57,7 @@ def running(process: subprocess.Popen[str]) -> Iterator[subprocess.Popen[str]]:
 
 
 def read_until(process: subprocess.Popen[str], words: str) -> str:
-    """What a process prints up to some words; fails when it ends without them."""
+    """Return the output of a process up to some words. Fails if it ends without them."""
     assert process.stdout is not None
     said = ""
     for line in process.stdout:
@@ -68,7 +68,7 @@ def read_until(process: subprocess.Popen[str], words: str) -> str:
 
 
 def until(condition: Callable[[], bool]) -> None:
-    """Wait for it; fails when it never comes true."""
+    """Wait until a condition is true. Fails after PATIENCE."""
     end = time.monotonic() + PATIENCE
     while not condition():
         assert time.monotonic() < end
@@ -76,14 +76,14 @@ def until(condition: Callable[[], bool]) -> None:
 
 
 FIRST, COUNT = 10_000, 2_000
-"""Below those that a kernel gives out by itself (Linux from 32768, gVisor from 16000, macOS from 49152)."""
+"""Below the automatic ports of the kernels (Linux from 32768, gVisor from 16000, macOS from 49152)."""
 _turns = itertools.count(os.getpid())
 
 
 @contextmanager
 def reserved_port() -> Iterator[int]:
-    """A port of this machine, free on UDP and TCP for whatever the test starts. It belongs to whoever has bound TCP
-    port + COUNT, which the kernel takes back when that process ends, however it does."""
+    """Reserve a port of this machine that is free on UDP and TCP. The process that has bound TCP port + COUNT owns
+    it, and the kernel frees that when the process ends in any way."""
     while True:
         port = FIRST + next(_turns) % COUNT
         with socket.socket() as claim:
@@ -101,6 +101,6 @@ def _taken(by: socket.socket, port: int) -> bool:
 
 
 def _free(port: int) -> bool:
-    """Whether no stranger to the tests has it."""
+    """True if the port is free of programs outside the tests."""
     with socket.socket() as tcp, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
         return _taken(tcp, port) and _taken(udp, port)

@@ -1,4 +1,5 @@
-"""The other side of the link, from pymavlink alone: a vehicle's voice, and a pilot that is fed with it by the tick."""
+"""The other side of the link, from pymavlink alone: a vehicle's messages, and a pilot that receives them tick by
+tick."""
 
 from collections.abc import Callable, Hashable
 from dataclasses import replace
@@ -45,7 +46,7 @@ MISSION = PilotSettings(
 
 
 class Voice:
-    """A MAVLink speaker: packs messages as one component would, MAVLink 2 unless told otherwise."""
+    """A MAVLink sender: packs messages as one component would, in MAVLink 2 by default."""
 
     def __init__(self, system: int = 1, component: int = 1, *, version: int = 2) -> None:
         self._mavlink = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
@@ -57,7 +58,7 @@ class Voice:
         return frame
 
     def message(self, message: Any) -> Any:
-        """The message as a receiver gets it: packed and unpacked."""
+        """Return the message as a receiver gets it: packed and unpacked."""
         return mavlink.MAVLink(None).decode(bytearray(self.say(message)))
 
 
@@ -72,7 +73,7 @@ def distance(cm: int, stamp_ms: int, **rest: Any) -> Any:
 
 
 def scattering(cm: int, stamp_ms: int, **rest: Any) -> Any:
-    """Of a radio that is not frozen: a centimetre to and fro."""
+    """A range of a radio that is not frozen: it alternates by 1 cm."""
     return distance(cm + stamp_ms // 100 % 2 if 0 < cm < 60000 else cm, stamp_ms, **rest)
 
 
@@ -84,18 +85,18 @@ def beacon(mm: int, stamp_us: int, sequence: int, **rest: Any) -> Any:
 
 
 def timing(**changes: float) -> Timing:
-    """The timing of the bench's mission, with changes."""
+    """Return the timing of the bench's mission, with changes."""
     return replace(MISSION.timing, **changes)
 
 
 def decode(data: bytes) -> list[Any]:
-    """Everything in our own output, by pymavlink's parser."""
+    """Decode all of our output by pymavlink's parser."""
     parser = mavlink.MAVLink(None)
     return parser.parse_buffer(bytearray(data)) or []
 
 
 class Rig:
-    """A pilot on a bench. Every 0.05 s the vehicle may speak (heartbeat 4 Hz, range 10 Hz) and the pilot steps."""
+    """A pilot on a bench. Every 0.05 s the vehicle may send (heartbeat at 4 Hz, range at 10 Hz) and the pilot steps."""
 
     def __init__(self, **changes: Any) -> None:
         self.pilot = Pilot(replace(MISSION, **changes))
@@ -105,7 +106,7 @@ class Rig:
         self.landed_state: int | None = 2  # MAV_LANDED_STATE_IN_AIR
         self.speaks, self.ranges = True, True
         self.round_trip: float | None = 0.0
-        """Time that an answer to TIMESYNC takes, s; None: no answer."""
+        """Time, s, that an answer to TIMESYNC takes; None: no answer."""
         self.answers: list[tuple[float, int]] = []
         self.range_cm = 15000
         self.tick = 0
@@ -114,7 +115,7 @@ class Rig:
         self.raw: list[bytes] = []
 
     def hear(self, message: Any, *, voice: Voice | None = None, link: str = VEHICLE, source: Hashable = None) -> None:
-        """Let the pilot hear a message now."""
+        """Pass a message to the pilot now."""
         self.pilot.receive((voice or self.vehicle).say(message), self.now, source or self.source, link)
 
     def heartbeat(self) -> None:
@@ -123,18 +124,18 @@ class Rig:
             self.hear(mavlink.MAVLink_extended_sys_state_message(0, self.landed_state))
 
     def answer(self) -> None:
-        """The answers to TIMESYNC that are due."""
+        """Send the answers to TIMESYNC that are due."""
         due = [stamp for at, stamp in self.answers if at <= self.now + 1e-9]
         self.answers = [one for one in self.answers if one[1] not in due]
         for stamp in due if self.speaks else ():
             self.hear(mavlink.MAVLink_timesync_message(round(self.now * 1e9), stamp))
 
     def range(self, cm: int | None = None, **sender: Any) -> None:
-        """A range measured now. sender: as in `hear`."""
+        """Send a range measured now. sender: as in `hear`."""
         self.hear(scattering(cm or self.range_cm, 1_000_000 + round(self.now * 1000)), **sender)
 
     def step(self) -> list[Any]:
-        """One step of the pilot; what it sent."""
+        """Run one step of the pilot and read its output."""
         data = output(self.pilot, self.now)
         self.raw.append(data)
         messages = decode(data)
@@ -145,14 +146,14 @@ class Rig:
         return messages
 
     def now_is(self, **state: Any) -> "Rig":
-        """The vehicle and its link are so from now on."""
+        """Change the state of the vehicle and its link from now on."""
         for name, value in state.items():
             assert hasattr(self, name)
             setattr(self, name, value)
         return self
 
     def run(self, seconds: float, also: Callable[[], object] = lambda: None, **state: Any) -> "Rig":
-        """Let time pass. also: what happens before each tick. state: how the vehicle is from now on."""
+        """Let time pass. also: called before each tick. state: changes of the vehicle from now on."""
         self.now_is(**state)
         for _ in range(round(seconds / TICK)):
             also()
@@ -167,18 +168,18 @@ class Rig:
         return self
 
     def engage(self, **state: Any) -> "Rig":
-        """Fly until engaged, and then some."""
+        """Fly until engaged, and some time longer."""
         self.run(3.0, **state)
         assert self.pilot.mission.phase.name == "ENGAGED"
         return self
 
     def pass_time(self, seconds: float) -> None:
-        """The clock alone moves on."""
+        """Advance the clock alone."""
         self.tick += round(seconds / TICK)
         self.now = round(self.tick * TICK, 6)
 
     def of(self, kind: str, since: float = -1.0) -> list[Any]:
-        """Messages of a kind sent after a moment."""
+        """Return the messages of a kind sent after a time."""
         return [message for then, message in self.sent if then > since and message.get_type() == kind]
 
     def setpoints(self, since: float = -1.0) -> list[Any]:
@@ -212,12 +213,12 @@ def copter() -> Any:
 
 @pytest.fixture
 def make_session(copter: Any) -> Callable[..., Session]:
-    """A session with an ArduCopter to be heard."""
+    """Return a session for an ArduCopter."""
     return lambda **settings: Session(LinkSettings(**settings), (copter,))
 
 
 def x25(data: bytes) -> int:
-    """The checksum of MAVLink, CRC-16/MCRF4XX, bit by bit: of no library."""
+    """Checksum of MAVLink, CRC-16/MCRF4XX, bit by bit and without a library."""
     crc = 0xFFFF
     for byte in data:
         crc ^= byte
@@ -227,7 +228,7 @@ def x25(data: bytes) -> int:
 
 
 def attitude(ms: int, yaw: float = 0.0, **rest: float) -> Any:
-    """ATTITUDE at so many ms since boot; rad and rad/s, all else 0."""
+    """ATTITUDE at some ms since boot, in rad and rad/s; other fields are 0."""
     fields = dict.fromkeys(("roll", "pitch", "rollspeed", "pitchspeed", "yawspeed"), 0.0) | rest
     return mavlink.MAVLink_attitude_message(time_boot_ms=ms, yaw=yaw, **fields)
 

@@ -1,4 +1,4 @@
-"""The command line run inside the test, and a flight for it to read."""
+"""The command line run inside the test, and a recorded flight as input."""
 
 from tests.command_line import (
     browser,

@@ -1,4 +1,4 @@
-"""The end of a flight: what is kept of it, whatever cannot be made or worked out, and whoever has gone."""
+"""The end of a flight: all recorded data are kept, also when pictures or figures fail or the terminal is gone."""
 
 import csv
 import json
@@ -20,7 +20,7 @@ from tests.process import ROOT, python, until
 
 
 def strict(path):
-    """What a JSON file holds, read by the letter of the standard."""
+    """Return the content of a JSON file, read strictly by the standard."""
     return json.loads(path.read_text(), parse_constant=pytest.fail)
 
 
@@ -30,7 +30,8 @@ def fails(*arguments, **named):
 
 @pytest.fixture
 def fly(circnav, tmp_path):
-    """A short flight of the bundled vehicle that ends well with one warning: what it printed, and its summary."""
+    """Return a function that runs a short flight of the bundled vehicle with one warning. It returns the output and
+    the summary."""
 
     def fly():
         out = circnav("fly", "quickstart", "--duration", 4, "--out", tmp_path / "run").done
@@ -50,7 +51,7 @@ def test_a_picture_that_cannot_be_made_costs_one_line(fly, tmp_path):
 
 
 def test_what_draws_is_loaded_beside_the_bundled_vehicle_and_never_beside_a_real_flight(circnav, mission, monkeypatch):
-    """A companion computer has a setpoint to send."""
+    """On a companion computer, setpoints come first."""
     fly, happened = import_module("circnav_mav.cli.fly"), []
 
     class Fake:
@@ -89,7 +90,7 @@ def test_of_a_flight_that_is_killed_nothing_goes_on_to_draw():
 
 
 def is_there(process):
-    """Whether it runs: one that has ended may wait to be noticed."""
+    """True if the process runs. One that has ended may still wait to be reaped."""
     try:
         with open(f"/proc/{process}/stat") as file:
             return file.read().rpartition(")")[2].split()[0] != "Z"
@@ -150,7 +151,7 @@ def test_an_error_of_ours_leaves_a_safe_setpoint_behind_and_says_where_it_is_wri
 
 @pytest.mark.usefixtures("undrawn")
 def test_signals_that_a_drivers_package_takes_for_itself_still_end_the_flight_safely(circnav, monkeypatch, tmp_path):
-    """rospy and rclpy install handlers of their own."""
+    """rospy and rclpy install their own handlers."""
     fly = import_module("circnav_mav.cli.fly")  # the package's `fly` is the command
     opened, flown = fly.open_links, fly.run
 
@@ -177,14 +178,14 @@ def test_a_flight_that_may_not_steer_sends_no_setpoint(circnav, tmp_path, option
 
 
 def moments(folder, *phases):
-    """When a flight was in these phases."""
+    """Return the times at which a flight was in these phases."""
     with (folder / "ticks.csv").open() as file:
         return [float(row["time"]) for row in csv.DictReader(file) if row["phase"] in phases]
 
 
 def test_a_flight_outlives_its_terminal(tmp_path):
-    """A real terminal, closed while the circle is flown: the kernel sends its signal to the session, and whatever is
-    written from then on is an error."""
+    """A real terminal is closed while the circle is flown: the kernel signals the session, and all later writes
+    fail."""
     folder, engaged = tmp_path / "run", Phase.ENGAGED.value.encode()
     process, terminal = pty.fork()
     if process == 0:

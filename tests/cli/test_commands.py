@@ -1,4 +1,4 @@
-"""Help, check, preflight and emulate: what they print and how they end."""
+"""Help, check, preflight and emulate: output and exit codes."""
 
 import signal
 import time
@@ -43,7 +43,7 @@ def test_the_help_names_the_commands_in_the_order_of_a_newcomer_and_the_exit_cod
 
 @pytest.mark.parametrize("name", MISSIONS)
 def test_every_mission_that_ships_can_be_flown(circnav, name):
-    """The vehicle in its [sim] table, too, is one that the emulator knows."""
+    """The emulator must also support the vehicle of the [sim] table."""
     assert "0 FAIL" in circnav("check", name).done
 
 
@@ -115,7 +115,7 @@ def test_a_fast_simulator_passes_by_its_own_clock(circnav, port):
     assert "and the flight follows it" in ran.done
 
 
-# --- what ends when it is asked ---
+# --- commands that end on request ---
 
 
 @pytest.mark.parametrize(

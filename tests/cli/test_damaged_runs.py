@@ -1,4 +1,4 @@
-"""Run folders that were damaged in every way: report and replay tell what there is, or refuse in one line."""
+"""Damaged run folders: report and replay use the readable part, or refuse in one line."""
 
 import json
 import os
@@ -18,7 +18,7 @@ COMMANDS = ("report", "replay")
 
 @pytest.fixture
 def told(circnav, run):
-    """How a command that reads the run ends: told("report")."""
+    """Return a function that runs a command on the run folder: told("report")."""
     return lambda command: circnav(command, run)
 
 
@@ -31,7 +31,7 @@ def write(run, lines):
 
 
 def with_cells(run, line, **cells):
-    """ticks.csv with some cells of a line changed; lines as an editor counts them, from the end if below 0."""
+    """Change some cells of a line in ticks.csv. Lines count from 1, or from the end if negative."""
     changed = rows(run)
     for name, cell in cells.items():
         changed[line if line < 0 else line - 1][changed[0].index(name)] = cell
@@ -71,7 +71,7 @@ def test_a_number_that_no_flight_has_is_unknown(told, run):
 
 
 def page_with(told, run, summary):
-    """What the report says of the outcome, and below."""
+    """Return the report from its outcome on, for a given summary."""
     (run / "summary.json").write_text(summary)
     assert told("report").done
     return (run / "report.html").read_text().partition('<div class="outcome')[2]
@@ -116,11 +116,11 @@ def test_a_beginning_that_is_no_moment_is_refused(told, with_manifest):
         assert "has the start time of the run (epoch_us)" in told("report").refused, epoch
 
 
-# --- a log that is damaged: read as far as it goes, and said so ---
+# --- a damaged log: read up to the damage, which is reported ---
 
 
 def records(log):
-    """Where each record of the tlog begins."""
+    """Return the offset of each record of the tlog."""
     at, found = 0, []
     for _, frame in read_tlog(log):
         found.append(at)
@@ -135,7 +135,7 @@ def spoil(path, at, data):
 
 
 def spoil_check(log):
-    """A byte changed in an ATTITUDE (30) that came in."""
+    """Change a byte in a received ATTITUDE (30)."""
     frames = list(read_tlog(log))
     received = next(n for n, (_, frame) in enumerate(frames) if n > 100 and frame[5] != 255 and frame[7] == 30)
     spoil(log, records(log)[received] + 8 + 10, b"\xaa\x55")
@@ -175,7 +175,7 @@ def test_zeros_in_a_log_are_told_with_their_place_and_what_is_behind_them_is_in_
 
 @pytest.fixture
 def log(run):
-    """A tlog of anybody's, without the rest of a run folder."""
+    """A tlog without the rest of a run folder."""
     return (run / "flight.tlog").rename(run.parent / "yesterday.tlog")
 
 
@@ -214,7 +214,7 @@ def test_frames_whose_check_fails_are_counted_in_a_run_and_in_a_plain_log(circna
 
 
 def test_a_folder_whose_name_is_no_utf_8_is_told_of_all_the_same(circnav, run, with_manifest, tmp_path, monkeypatch):
-    """On an output that bears no other name, as a terminal's: pytest's own streams bear every one."""
+    """On a strict output like a terminal: pytest's own streams accept every name."""
     with_manifest(mission="")
     odd = run.rename(Path(os.fsdecode(os.fsencode(tmp_path) + b"/bad\xff\xfename")))
     for command in (["report", odd], ["replay", odd, "--out", odd / "what-if"]):

@@ -1,5 +1,5 @@
-"""The core with two extras of a test's own: command, option, table, check, onlooker, files and report section come with
-the package, and an onlooker that fails in flight ends nothing."""
+"""The core with two extras of this test: command, option, table, check, onlooker, files and report section. An
+onlooker that fails in flight ends nothing."""
 
 import json
 import re
@@ -131,7 +131,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture
 def circnav(folder):
-    """Run `circnav ARGUMENTS` there; what it printed."""
+    """Return a function that runs `circnav ARGUMENTS` in that folder and returns the output."""
 
     def circnav(*arguments):
         ran = subprocess.run(

@@ -1,4 +1,4 @@
-"""`circnav fly` where no vehicle is: exit code 3, and what was heard; with a signing key."""
+"""`circnav fly` without a vehicle: exit code 3, and the received traffic. Also with a signing key."""
 
 import json
 import re
@@ -44,12 +44,12 @@ def test_nobody_there_and_no_heartbeat_at_all_which_is_recorded_in_a_folder_name
 
 
 PATIENTLY = "--set", "link.wait_s=1.5"
-"""Heard is who speaks fifty times a second, also where this process stands still for a second."""
+"""A sender at 50 Hz is received even if this process stops for 1 s."""
 
 
 @contextmanager
 def speaking(port, datagram):
-    """A datagram comes to a port again and again."""
+    """Send a datagram to a port repeatedly."""
     over = threading.Event()
 
     def speak():
@@ -114,7 +114,7 @@ def test_a_sigterm_ends_the_process_with_130_and_whole_files(mission, tmp_path):
 
 @pytest.fixture
 def key(mission):
-    """The mission's key, 64 hex digits beside it."""
+    """The mission's key file of 64 hex digits, beside the mission."""
     with mission.open("a") as file:
         file.write('[signing]\nkey_file = "drone.key"\n')
     path = mission.with_name("drone.key")
@@ -125,7 +125,7 @@ def key(mission):
 
 @pytest.fixture
 def unsigned(circnav, mission, key, port):
-    """How a command ends that hears unsigned heartbeats alone: unsigned("fly")."""
+    """Run a command that receives only unsigned heartbeats: unsigned("fly")."""
 
     def unsigned(command, *options):
         with speaking(port, heartbeat()):

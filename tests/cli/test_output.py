@@ -1,4 +1,4 @@
-"""Standard output or a disk that takes no more is named as such, and a reader that goes away is nobody's error."""
+"""A full standard output or disk is named as such, and a reader that closes its pipe is no error."""
 
 import json
 import os
@@ -12,7 +12,7 @@ COMMANDS = ["replay run", "preflight quickstart --seconds 1", "--help"]
 
 @pytest.fixture
 def told(run):
-    """Exit code and standard error of a command whose standard output, or error, is a file of ours."""
+    """Return exit code and standard error of a command with a given standard output or error."""
 
     def told(command, *streams, **environment):
         ran = ended(run.parent, command, *streams, **environment)
@@ -33,7 +33,7 @@ def test_it_is_one_line_without_pythons_buffer_too_and_a_complaint_that_nobody_r
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_reader_that_went_away_ends_the_command_without_a_word(told, command):
-    """As in `| head -1`; the other commands refuse in the same place as these."""
+    """Example: `| head -1`. The other commands refuse in the same place as these."""
     ours, theirs = os.pipe()
     os.close(ours)
     said = told(command, theirs)

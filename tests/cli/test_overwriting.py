@@ -1,4 +1,4 @@
-"""No command writes over what another one recorded, or over a file of the person's own."""
+"""No command overwrites the records of another one, or a file of the user."""
 
 import json
 
@@ -45,7 +45,7 @@ def test_what_is_left_of_a_flight_or_is_the_persons_own_is_not_mixed_with_anothe
 
 
 def test_of_two_flights_that_begin_at_once_one_has_the_folder(tmp_path):
-    """Both have looked and found nothing there."""
+    """Both have checked the folder and found it free."""
     Recorder(tmp_path / "run", "name = 'x'\n")
     with pytest.raises(TakenError, match=r"holds flight\.tlog already"):
         Recorder(tmp_path / "run", "name = 'y'\n")
@@ -60,7 +60,7 @@ def test_two_flights_of_one_second_have_folders_of_their_own(circnav, mission, t
 
 
 def test_a_folder_named_from_home_is_made_there(circnav, mission, tmp_path, monkeypatch):
-    """A shell expands no `~` in `--out=~/run`. A folder of that name would invite `rm -r ~`."""
+    """A shell does not expand `~` in `--out=~/run`. A folder of that name would invite `rm -r ~`."""
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     assert circnav("fly", mission, "--out=~/run").code == 3
     assert (tmp_path / "home" / "run" / "summary.json").exists()

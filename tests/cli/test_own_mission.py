@@ -1,4 +1,4 @@
-"""Bundled missions by name, a mission of one's own, its schema, completion, and old runs cleaned."""
+"""Bundled missions by name, a custom mission, its schema, completion, and removal of old runs."""
 
 import json
 import os
@@ -52,7 +52,7 @@ def test_init_overwrites_nothing(circnav, tmp_path):
 
 
 def test_a_full_disk_leaves_no_half_of_a_mission(tmp_path):
-    """Half a file would then be "there already"."""
+    """An incomplete file would block the next attempt as "already there"."""
     ran = ended(tmp_path, "init copter", limit="-f 1")
     assert (ran.returncode, ran.stderr) == (2, "circnav: copter.toml: File too large\n")
     assert not list(tmp_path.iterdir())
@@ -77,7 +77,7 @@ KINDS = {"number": (int, float), "integer": int, "string": str, "object": dict, 
 
 
 def keeps_to(schema, value, root) -> None:
-    """As much of JSON schema as ours uses."""
+    """Check a value against a schema, for the part of JSON schema in use."""
     if "$ref" in schema:
         schema = root["definitions"][schema["$ref"].rsplit("/", 1)[1]] | schema
     kinds = tuple(KINDS.get(one.get("type"), object) for one in schema.get("anyOf", [schema]))
@@ -99,7 +99,7 @@ def test_a_shell_is_told_how_to_complete_and_completes_bundled_missions(circnav,
 
 @pytest.fixture
 def runs(tmp_path) -> Path:
-    """Three runs, 10, 40 and 50 days old, one of them with somebody's notes, and things that are no runs."""
+    """Three runs, 10, 40 and 50 days old, one of them with a user's notes, and items that are no runs."""
     folder = tmp_path / "runs"
     for name, days in (("young", 10), ("old", 40), ("noted", 50)):
         (folder / name).mkdir(parents=True)

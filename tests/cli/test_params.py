@@ -1,4 +1,4 @@
-"""`circnav params`: what it prints is what preflight asks for."""
+"""`circnav params`: the output contains the values that preflight demands."""
 
 import struct
 
@@ -33,7 +33,7 @@ def test_a_vehicle_with_the_printed_parameters_passes_preflight(name, change):
 
 
 def load(vehicle, lines, bytewise):
-    """Set the values as a ground station does that loads the file. PX4 carries the bytes of an integer in the float."""
+    """Set the values like a ground station that loads the file. PX4 sends the bytes of an integer in the float."""
     for line in lines:
         if line.startswith("#"):
             continue

@@ -1,4 +1,4 @@
-"""`circnav replay`: what it says, and one line for every log that cannot be replayed."""
+"""`circnav replay`: its output, and one line for every log that cannot be replayed."""
 
 import csv
 import json
@@ -27,7 +27,7 @@ def test_a_run_replayed_as_it_was_says_byte_for_byte_and_a_shorter_one_where_it_
 
 
 def test_a_run_folder_of_an_earlier_version_is_replayed_too(circnav, run):
-    """It has turns.csv instead of steps.csv, and the key voice instead of output_mode."""
+    """It has turns.csv instead of steps.csv, and the key `voice` instead of output_mode."""
     (run / "steps.csv").rename(run / "turns.csv")
     path = run / "manifest.json"
     manifest = json.loads(path.read_text())
@@ -54,7 +54,7 @@ def late(folder, column):
 
 
 def test_another_law_is_not_taught_by_headings_that_answer_the_turns_that_were_flown(circnav, tmp_path):
-    """The vehicle turns as it is told, and on the circle the mean of the paper's first law is the circle's own turn."""
+    """The vehicle turns as commanded, and on the circle the mean of the paper's first law is the circle's turn rate."""
     circling = tmp_path / "run"
     recorded_flight(circling, "quickstart", "limits.duration_s=55").fly(65).recorder.close()
     out = circnav("replay", circling, "--law", "smooth", "--out", tmp_path / "smooth").done
@@ -118,18 +118,18 @@ def test_a_gain_of_another_law_is_not_taken_over(circnav, tmp_path):
     assert "belongs to the law smooth" in circnav("replay", tmp_path, "--law", "switching").refused
 
 
-# --- a tlog of anybody's ---
+# --- a plain tlog ---
 
 
 @pytest.fixture(scope="session")
 def records(flown):
-    """The (stamp, frame) pairs of the flight as a plain tlog has them, ours among them."""
+    """The (stamp, frame) pairs of the flight as in a plain tlog, including our own frames."""
     return list(read_tlog(flown / "flight.tlog"))
 
 
 @pytest.fixture
 def replay(circnav, tmp_path):
-    """Replays records as a plain tlog, with these overrides: replay(records, "key=value")."""
+    """Replay records as a plain tlog with overrides: replay(records, "key=value")."""
 
     def replay(records, *overrides, mission="quickstart"):
         log = tmp_path / "x.tlog"
@@ -166,7 +166,7 @@ def test_a_clock_that_was_set_while_the_log_was_written_is_one_warning_and_a_log
 
 
 def test_a_log_recorded_in_mavlink_1_is_replayed_as_one_in_mavlink_2(replay, records):
-    """Of the ids that MAVLink 1 has; its frames are packed by pymavlink."""
+    """All ids that MAVLink 1 has. Its frames are packed by pymavlink."""
     small = [(stamp, frame) for stamp, frame in records if message_id(frame) < 256]
     old = []
     for stamp, frame in small:
@@ -179,7 +179,7 @@ def test_a_log_recorded_in_mavlink_1_is_replayed_as_one_in_mavlink_2(replay, rec
 
 
 def with_more(records, *, sender=(1, 33), orientation=24, ident=0, vehicle=()):
-    """The flight with another range sensor beside each of its ranges, and heartbeats of another vehicle."""
+    """Yield the flight with another range sensor beside each of its ranges, and heartbeats of another vehicle."""
     link = mavlink.MAVLink(None, *sender)
     for at, (stamp, frame) in enumerate(records):
         yield stamp, frame
@@ -203,7 +203,7 @@ def test_a_plain_replay_says_whose_data_it_used(replay, records):
 
 NONE = "and none was used"
 OURS = 1, 192
-"""System and component that the bundled vehicle's ranges come from."""
+"""System and component that send the bundled vehicle's ranges."""
 
 
 @pytest.mark.parametrize(
@@ -229,7 +229,7 @@ def test_sensors_that_fit_the_mission_alike_are_warned_of_with_the_key_that_choo
 
 
 def test_a_run_that_never_steered_exits_as_a_plain_log_does(circnav, replay, tmp_path):
-    """No range ever comes: the flight ends with nothing heard, and so does its replay, however it is replayed."""
+    """No range ever comes: flight and replay end without a received range, in both forms of replay."""
     short = ("limits.duration_s=5", "link.wait_s=2", "ranging.sensor_id=9")
     recorded_flight(tmp_path / "run", "quickstart", *short).fly(20).recorder.close()
     folder = circnav("replay", tmp_path / "run")

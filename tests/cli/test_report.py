@@ -1,4 +1,5 @@
-"""`circnav report`: one page without network that shows the flight, also in a real browser; one line for bad runs."""
+"""`circnav report`: one page without network that shows the flight, also in a real browser, and one line for bad
+runs."""
 
 import csv
 import importlib
@@ -34,7 +35,7 @@ def flown(tmp_path_factory):
 
 @pytest.fixture
 def page_of(circnav, run):
-    """The page of the run, and what its charts are drawn from."""
+    """Return a function that makes the page of the run, with the data of its charts."""
 
     def page_of():
         assert circnav("report", run).done
@@ -86,7 +87,7 @@ def test_what_never_left_is_called_so_and_names_are_no_markup_and_no_placeholder
 
 
 def test_an_estimated_track_says_when_it_was_first_believed_and_breaks_where_it_was_not(page_of, run):
-    """Believed from second 10 to 12, and from 14 on; the vehicle tells no truth."""
+    """The estimate is trusted from 10 s to 12 s, and from 14 s on. The log has no truth."""
     frames = list(read_tlog(run / "flight.tlog"))
     told = [(us, frame) for us, frame in frames if message_id(frame) != mavlink.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY]
     (run / "flight.tlog").write_bytes(b"".join(struct.pack(">Q", us) + frame for us, frame in told))
@@ -105,8 +106,8 @@ def test_an_estimated_track_says_when_it_was_first_believed_and_breaks_where_it_
 
 
 def test_lines_break_where_no_tick_was_made_and_innovations_and_ranges_are_dots_of_new_ranges_alone(page_of, run):
-    """A stall of 1.5 s at second 15, in a chart of what was estimated: no ramp leads over it. The first second of every
-    ten has its ranges, the others repeat the last."""
+    """The chart of an estimate has a gap for a stall of 1.5 s at 15 s, without a connecting line. In every ten
+    seconds, the first second has its own ranges and the others repeat the last one."""
     last = {}
 
     def seldom(time, row):
@@ -146,7 +147,7 @@ def test_of_very_many_events_the_first_and_the_last_are_told(page_of, run):
 
 
 def test_ten_minutes_stay_under_a_megabyte(page_of, run):
-    """The ticks of the flight twenty times over, one after the other: 600 s."""
+    """The ticks of the flight, repeated twenty times: 600 s."""
     header, *rows = (run / "ticks.csv").read_text().splitlines()
     longer = [f"{float(t) + 30 * n:.6f},{rest}" for n in range(20) for t, _, rest in (r.partition(",") for r in rows)]
     (run / "ticks.csv").write_text("\n".join([header, *longer]) + "\n")
@@ -192,7 +193,8 @@ def test_a_picture_that_fails_at_the_end_of_a_flight_is_a_line_and_nothing_more(
 
 
 def test_a_browser_draws_it_zooms_all_charts_and_tells_values_and_logs_no_error(browser, page_of, run):
-    """On a phone and on a desk; dragging over a chart zooms all of them, and pointing at it tells the values there."""
+    """On a phone and a desktop. Dragging over one chart zooms all of them, and pointing at it shows the values
+    there."""
     _, data = page_of()
     for width in (390, 1100):
         browser.open((run / "report.html").as_uri(), width=width, dark=True)

@@ -1,4 +1,4 @@
-"""What a command loads, and when: nothing that it does not need, and nothing slow once it is needed."""
+"""Modules loaded by each command: only the necessary ones, and slow ones before they are needed."""
 
 import json
 import subprocess
@@ -54,7 +54,8 @@ Pilot.receive, fly.Drawing = heard, Drawing
 
 
 def test_a_flight_has_its_optimizer_before_it_hears_anything_and_pictures_neither_load_nor_end_with_it(tmp_path):
-    """A signal that comes while pictures are made leaves the flight its exit code. scipy.optimize plans laps."""
+    """A signal during the drawing of pictures does not change the exit code of the flight. scipy.optimize plans
+    laps."""
     arguments = ["fly", "quickstart", "--duration", "3", "--out", str(tmp_path / "run")]
     code, loaded = told(arguments, "[code, loaded]", WATCHED)
     assert code == 0

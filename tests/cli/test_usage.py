@@ -1,4 +1,4 @@
-"""What is used wrongly: one line that names it, exit code 2, and nothing written, whatever the command."""
+"""Wrong use of any command: one line that names the mistake, exit code 2, and no file written."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The verdict's words: what a dry run, a short flight and a busy link are told of."""
+"""Texts of the verdict for a dry run, a short flight and a busy link."""
 
 from pathlib import Path
 from typing import Any

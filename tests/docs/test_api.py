@@ -1,4 +1,4 @@
-"""The public API: the examples of README and docs/api.md as they are printed, flown round a beacon."""
+"""The public API: run the examples of README and docs/api.md as printed, and circle a beacon with them."""
 
 import re
 import subprocess
@@ -27,7 +27,7 @@ def blocks(page: str) -> list[str]:
 
 
 def examples() -> dict[str, Any]:
-    """The names that the blocks of docs/api.md define."""
+    """Return the names that the code blocks of docs/api.md define."""
     names: dict[str, Any] = {}
     for block in blocks("docs/api.md"):
         exec(block, names)
@@ -35,7 +35,8 @@ def examples() -> dict[str, Any]:
 
 
 class World:
-    """A vehicle that turns at `gain` times what it is told, in wind, and a beacon at (0, 0). Its own arithmetic."""
+    """A simulated vehicle in wind that turns at `gain` times the command, and a beacon at (0, 0). Independent of the
+    emulator."""
 
     def __init__(self, V: float, *, gain: float = 1.0, wind: float = 0.0) -> None:
         self.V, self.gain, self.wind = V, gain, wind
@@ -61,7 +62,7 @@ class World:
 
     @property
     def sense(self) -> Direction:
-        """By the angular momentum round the beacon."""
+        """Sense of rotation, from the angular momentum about the beacon."""
         left = self.x * sin(self.heading) - self.y * cos(self.heading) > 0
         return Direction.COUNTERCLOCKWISE if left else Direction.CLOCKWISE
 
@@ -118,7 +119,7 @@ def test_no_turn_is_commanded_before_there_is_an_estimate_nor_once_it_is_stale_w
     guidance = Guidance(ORBIT, "feedforward")
     assert guidance.command(0.0) is None
     guidance.observe(RangeSample(-0.1, -0.1, 150.0, 0.5))
-    assert guidance.command(0.0) is None  # one range tells no rate
+    assert guidance.command(0.0) is None  # one range gives no range rate
     received(guidance)
     assert not guidance.observe(RangeSample(2.3, 2.3, 400.0, 0.5))
     assert guidance.command(2.4) is not None
@@ -155,7 +156,7 @@ NO_MEASUREMENT = (
 
 @pytest.mark.parametrize("law", ["auto", "feedforward"])
 def test_a_sample_or_motion_that_is_no_measurement_is_refused_and_changes_no_command(law):
-    """NaN, an infinity, 0 and -1 are what radios and drivers report where nothing was measured."""
+    """Radios and drivers report NaN, infinity, 0 or -1 when they have no measurement."""
     spoiled, whole, world = Guidance(ORBIT, law), Guidance(ORBIT, law), World(15.0)
     for step in range(100):
         sample = RangeSample(world.now, world.now, world.radius, 0.5)

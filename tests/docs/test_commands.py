@@ -1,4 +1,4 @@
-"""What the documents print to be run: tutorials, transcripts and drivers, as they stand there, in an empty folder."""
+"""Run the commands, transcripts and drivers of the documents as printed, in an empty folder."""
 
 import os
 import re
@@ -23,9 +23,10 @@ LEAVES = {
 }
 RADIO = "import random\n\ndef read_range():\n    time.sleep(0.1)\n    return random.choice((123.2, 123.4, 123.6))\n"
 LISTENS = r"server = \1\nopen('listens', 'w').close()\nserver.handle_request()"
-"""The program of first-minute.md shows that it listens: a second may be too short."""
+"""Replacement code for the program of first-minute.md: it writes a file when it listens. A fixed wait of 1 s may be too
+short."""
 ANSWER = b"+OK\r\n+ANCHOR_RCV=DAVID123,5,HELLO,40 cm,-72\r\n"
-"""Of REYAX's RYUW122 AT command guide."""
+"""Response from REYAX's RYUW122 AT command guide."""
 
 
 def blocks(page: str, language: str) -> list[str]:
@@ -38,7 +39,7 @@ def block(page: str, language: str, holding: str = "") -> str:
 
 
 def printed_by(script: str, folder: Path, *paths: Path) -> str:
-    """What commands print that go well, in the shell. paths: where Python looks, too."""
+    """Run a shell script that must succeed, and return its standard output. paths: more folders to import from."""
     script = re.sub(r"(^|&& )circnav ", r"\1python3 -m circnav_mav ", script, flags=re.MULTILINE)
     ran = subprocess.run(
         ["sh", "-e", "-c", script.replace("python3 ", f"{sys.executable} ")],
@@ -57,7 +58,7 @@ def test_the_commands_of_a_tutorial_run_as_printed_and_leave_what_it_speaks_of(r
 
 
 def test_the_transcripts_of_the_first_minute_are_what_the_commands_print(tmp_path, port):
-    """With the files that the pages print beside them. pip installs into a folder, from this computer alone."""
+    """Uses the files printed on the pages. pip installs into a temporary folder, without network access."""
     page, site = (ROOT / "docs" / "first-minute.md").read_text().replace("5005", str(port)), tmp_path / "site"
     for name, program in zip(("check_mcap.py", "answers.py"), blocks("first-minute", "python"), strict=True):
         program = re.sub(r"^(socketserver\..+)\.handle_request\(\)", LISTENS, program, flags=re.MULTILINE)
@@ -90,7 +91,7 @@ def test_the_printed_driver_is_heard_under_the_printed_mission_lines(tmp_path, p
     overrides = [word for key, value in lines for word in ("--set", f"ranging.{key}={value}")]
     radio = subprocess.Popen([sys.executable, str(driver)])
     try:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:  # until it speaks
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:  # wait until the driver sends
             wire.bind(("127.0.0.1", port))
             wire.settimeout(PATIENCE)
             wire.recv(1000)
@@ -108,14 +109,14 @@ def test_the_printed_driver_is_heard_under_the_printed_mission_lines(tmp_path, p
 
 @pytest.fixture
 def module():
-    """A radio module on a serial line, which answers what it is asked."""
+    """Serial port of a simulated radio module that answers requests."""
     pytest.importorskip("serial")
     ours, theirs = os.openpty()
     tty.setraw(theirs)
 
     def answer() -> None:
         received = b""
-        with suppress(OSError):  # once the test has closed the line
+        with suppress(OSError):  # raised when the test closes the line
             while data := os.read(ours, 1000):
                 *questions, received = (received + data).split(b"\r\n")
                 os.write(ours, ANSWER * questions.count(b"AT+ANCHOR_SEND=DAVID123,4,RNGE"))
@@ -130,7 +131,7 @@ def test_the_driver_of_the_radios_page_is_found_once_installed_and_reads_as_prin
     assert len(driver.splitlines()) <= 60
     (tmp_path / "circnav_ryuw122.py").write_text(driver)
     entry = re.search(r"\[project.entry-points.\"(.+)\"\]\n(.+)", block("radios", "toml", "entry-points"))
-    installed = tmp_path / "circnav_ryuw122-0.1.0.dist-info"  # what pip makes of pyproject.toml
+    installed = tmp_path / "circnav_ryuw122-0.1.0.dist-info"  # as pip generates it from pyproject.toml
     installed.mkdir()
     (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: circnav-ryuw122\nVersion: 0.1.0\n")
     (installed / "entry_points.txt").write_text(f"[{entry[1]}]\n{entry[2].replace(chr(34), '')}\n")
@@ -150,7 +151,7 @@ def test_the_driver_of_the_radios_page_is_found_once_installed_and_reads_as_prin
 
 
 def plain(line: str) -> list[str]:
-    """A line without the times and rates of a radio."""
+    """Return the words of a line, with the radio's times and rates masked."""
     return (re.sub(r"[\d.]+ (s|Hz)", "# \\1", line) if "beacon" in line else line).split()
 
 

@@ -1,4 +1,4 @@
-"""pyproject.toml and setup.py against the repository: a wheel has all that it needs, and its page has no dead link."""
+"""pyproject.toml and setup.py against the repository: the wheel is complete, and its package page has no dead links."""
 
 import re
 import runpy
@@ -15,11 +15,11 @@ from tests.process import ROOT
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 SETUPTOOLS = PROJECT["tool"]["setuptools"]
 FOLDERS = {"circnav_mav": "circnav_mav", "circnav_sim": "sim", "circnav_mav.config": "config"}
-"""Folders of the repository, by the packages that they are installed as."""
+"""Folders of the repository, by installed package name."""
 
 
 def contents():
-    """The files of each package, by its name."""
+    """Return the files of each package, by package name."""
     found = {}
     for package, folder in FOLDERS.items():
         for path in (ROOT / folder).rglob("*"):
@@ -49,7 +49,7 @@ def test_every_file_that_is_no_program_is_package_data_and_no_pattern_is_left_of
 
 
 def test_what_is_imported_here_is_this_repository():
-    """One mechanism for an editable install and all others: a folder that is no package would be found nowhere."""
+    """Editable and regular installs find the files in the same way, which requires a package in each folder."""
     for name in contents():
         assert files(name).is_dir(), name
 
@@ -68,7 +68,7 @@ def test_the_schemas_that_ship_are_those_of_the_core_and_all_extras(kind):
 
 
 def test_the_page_of_a_package_index_is_the_readme_without_links_that_lead_nowhere_there(monkeypatch):
-    """It knows no other file of the repository."""
+    """The package index does not have the other files of the repository."""
     given = {}
     monkeypatch.setattr(setuptools, "setup", given.update)
     runpy.run_path(str(ROOT / "setup.py"))

@@ -1,4 +1,4 @@
-"""The documents against the code: links, keys, names, columns, messages and commands are those that there are."""
+"""The documents against the code: links, keys, names, columns, messages and commands exist."""
 
 import ast
 import re
@@ -28,7 +28,7 @@ PAGES += [ROOT / "circnav_mav" / "extras" / "bench" / "BENCHMARK.md"]
 
 
 def anchor(heading: str) -> str:
-    """As GitHub makes it."""
+    """Return the anchor that GitHub generates for a heading."""
     return re.sub(r"[^a-z0-9 _-]", "", heading.lower()).replace(" ", "-")
 
 
@@ -46,7 +46,7 @@ def test_links_lead_somewhere(page):
 
 
 def test_in_the_container_the_missions_folder_belongs_to_the_user_that_writes_there():
-    """A folder that WORKDIR makes is root's."""
+    """WORKDIR creates a missing folder with owner root."""
     before, _, after = (ROOT / "deploy" / "Containerfile").read_text().partition("USER circnav\n")
     assert "mkdir /missions && chown circnav: /missions" in before
     assert "WORKDIR /missions" in after
@@ -76,7 +76,7 @@ def is_table(annotation) -> bool:
 
 
 WORKED_OUT = ("bounds.max_range_m", "limits.stale_s")
-"""Keys whose default follows from other keys: the page says in words how."""
+"""Keys with a default computed from other keys: the page describes it in words."""
 
 
 def test_the_mission_page_has_every_key_with_its_default():
@@ -140,7 +140,7 @@ def test_every_option_in_a_printed_command_exists():
 
 
 def texts_of_the_code() -> list[str]:
-    """Every text in the source, with ... for what is put in."""
+    """Yield every string in the source, with "..." for inserted values."""
     found = []
     for path in (ROOT / "circnav_mav").rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):

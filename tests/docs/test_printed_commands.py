@@ -1,5 +1,5 @@
-"""Every command that README and documents print: run, shorter where it would fly for minutes; or in a list that says
-why not, and then its words are those that the program takes."""
+"""Run every command that README and documents print, with a shorter duration where it would fly for minutes. Commands
+that cannot run here are listed with the reason, and their options are checked against the program."""
 
 import ast
 import math
@@ -22,7 +22,7 @@ from tests.process import circnav as process_of
 __all__ = ["circnav", "undrawn"]
 
 ELSEWHERE = {"tutorial-pilot.md", "tutorial-researcher.md", "tutorial-integrator.md", "first-minute.md"}
-"""Pages whose commands test_commands.py runs, as they stand there."""
+"""Pages whose commands are run unchanged by test_commands.py."""
 NOT_RUN = {
     r"python3 -m venv": ".ci/run installs the wheel in an empty folder, and runs the tests by that very line",
     r"\. \.venv/bin/activate": "the same",
@@ -45,7 +45,7 @@ SHORTER = {"fly": "--duration 3", "campaign": "--runs 2 --processes 1", "watch":
 
 
 def blocks(page: Path):
-    """What is printed to be typed, a block at a time; a transcript's lines begin with $."""
+    """Yield the commands that a page prints, block by block. In a transcript they are the lines that begin with $."""
     listing = r"^```(\w*)\n(.*?)^```|((?:^    [^\n]*\n)+)"
     for language, fenced, indented in re.findall(listing, page.read_text(), re.MULTILINE | re.DOTALL):
         if language == "sh":
@@ -55,12 +55,12 @@ def blocks(page: Path):
         if indented:
             with suppress(SyntaxError):
                 ast.parse(dedent(indented))
-                continue  # a program
+                continue  # a Python program, not commands
             yield dedent(indented)
 
 
 def printed(page: Path) -> list[str]:
-    """The commands of a page, without comments."""
+    """Return the commands of a page, without comments."""
     lines = [line for block in blocks(page) for line in re.sub(r"\\\n\s*", "", block).splitlines()]
     bare = (re.sub(r"(^|\s+)#.*|\s{3,}.*", "", line) for line in lines)
     return [
@@ -98,7 +98,7 @@ def test_the_printed_commands_run(page, circnav, undrawn, tmp_path, monkeypatch,
                 assert circnav(*words[1:], *SHORTER["fly"].split(), *UNHURRIED).code == 0, command
         else:
             ran = circnav(*words[1:], *SHORTER.get(words[1 + (words[1] == "ranging")], "").split())
-            silent = words[1:3] == ["ranging", "watch"]  # no radio speaks here
+            silent = words[1:3] == ["ranging", "watch"]  # no radio sends here
             assert (ran.code, ran.err) == (3 if silent else 0, ""), command
 
 
@@ -115,7 +115,7 @@ def test_a_printed_command_that_is_not_run_here_has_the_words_that_circnav_takes
 
 
 OPTIONS: dict[str, set[str]] = {}
-"""Options that the pages print for each program of this repository."""
+"""Options printed on the pages, for each program of this repository."""
 for _, one in KEPT:
     if (match := re.match(r"python (-m )?[\w./]+", one)) and "--" in one:
         OPTIONS.setdefault(match[0], set()).update(re.findall(r"--[\w-]+", one))

@@ -1,4 +1,4 @@
-"""The ROS 2 node of the documents, with a stub of rclpy: ROS 2 is no Python package that pip installs."""
+"""The ROS 2 node of the documents, with a stub of rclpy, because pip cannot install ROS 2."""
 
 import sys
 from math import cos, hypot, sin
@@ -12,12 +12,12 @@ FILE = Path(__file__).parents[2] / "docs" / "ros2_node.py"
 
 
 def message(**fields):
-    """A type of messages whose fields are again types of fields."""
+    """Return a message type; each field is created by its own type."""
     return lambda: SimpleNamespace(**{name: make() for name, make in fields.items()})
 
 
 class StubNode:
-    """A node whose time is set by hand, and whose publisher keeps what it is given."""
+    """A node with a clock set by the test and a publisher that records the messages."""
 
     time, given = 0.0, {}
 
@@ -60,7 +60,7 @@ def node_class(monkeypatch):
 def test_the_node_circles_a_beacon_in_the_direction_of_its_parameter_and_is_silent_without_ranges(
     node_class, monkeypatch, clockwise
 ):
-    """A vehicle of its own arithmetic, flown by the published commands alone; the beacon is at (0, 0)."""
+    """The test integrates the vehicle's motion from the published commands. The beacon is at (0, 0)."""
     monkeypatch.setattr(StubNode, "given", {"radius": 60.0, "clockwise": clockwise})
     node = node_class()
     ((period, on_timer),) = node.timers

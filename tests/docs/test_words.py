@@ -1,4 +1,4 @@
-"""The language of docstrings, names, messages and pages, as far as a few lines can check it.
+"""Simple checks of the language of docstrings, names, messages and pages.
 
 The rules are in CONTRIBUTING.md.
 """
@@ -21,9 +21,9 @@ TALK = (
     "hear hears heard hearing tell tells told telling says said feel feels believe believes believed deaf anew nobody"
 )
 TALKS = re.compile(rf"\b({TALK.replace(' ', '|')}|say|thinks?|knows?|whoever|stands? still)\b|\+-$", re.IGNORECASE)
-"""Words of messages in which software talks or believes, and a plus-minus sign in ASCII before a number."""
+"""Words that must not occur in messages: software that talks or believes, and an ASCII plus-minus before a number."""
 NAMED = {*TALK.split(), "greet", "guess", "guesses", "guessed", "favourite", "culprit", "stranger", "strangers"}
-"""Words that no name of the code contains."""
+"""Words that must not occur in names."""
 
 
 def docstrings(path: Path) -> Iterator[tuple[int, str]]:
@@ -60,7 +60,7 @@ def names(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def messages(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield line and text of the strings of a file that may be shown: with a space, and no docstring."""
+    """Yield line and text of the strings in a file that may be displayed: all with a space, except docstrings."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     forms = {id(part) for node in ast.walk(tree) if isinstance(node, ast.FormattedValue) and node.format_spec
              for part in ast.walk(node.format_spec)}  # fmt: skip

@@ -1,4 +1,4 @@
-"""The command line run inside the test, and a flight for it to read: extras add commands to it."""
+"""The command line run inside the test, and a recorded flight as input: extras add commands to it."""
 
 from tests.command_line import (
     browser,

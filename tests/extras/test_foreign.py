@@ -1,4 +1,4 @@
-"""Files, texts and computers that nobody wishes for: each command ends in one line of printable text."""
+"""Unusual files, texts and computers: each command ends in one line of printable text."""
 
 import json
 import os
@@ -22,7 +22,7 @@ from tests.process import QUICKSTART
 
 ESCAPE = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202e"
 OBEYED = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202e]")
-"""Control codes, but for tabs and line ends, and what reverses the direction of writing."""
+"""Control codes except tabs and line ends, and codes that reverse the direction of writing."""
 
 
 def circle_log(tag):
@@ -105,7 +105,7 @@ READERS = {
 @pytest.mark.parametrize("make", [pipe, endless, long_line])
 @pytest.mark.parametrize(("command", "name"), [(one, name) for one, names in READERS.items() for name in names.split()])
 def test_a_file_that_never_ends_is_refused_in_one_line(circnav, run, command, name, make):
-    """A pipe that nobody writes into, a link to /dev/zero, a line of a gigabyte."""
+    """A pipe without a writer, a link to /dev/zero, and a line of a gigabyte."""
     if make is long_line and name.endswith("tlog"):
         pytest.skip("a long log is read piece by piece, whatever is in it")
     (run / "good.key").write_bytes(bytes(range(32)))
@@ -145,11 +145,11 @@ def test_nothing_is_written_into_the_root_or_behind_a_link(circnav, mission, tmp
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["thesis.tex"]
 
 
-# --- missions of a size that nobody flies ---
+# --- missions of extreme size ---
 
 
 def test_the_live_page_is_sent_the_longest_mission():
-    """A line that a pipe does not take in one piece is dropped."""
+    """A line that does not fit into the pipe in one piece is dropped."""
     radii = [123.45678901234567 + number for number in range(MAX_CIRCLES)]
     pilot = Pilot(parse_mission(small_mission.TEXT, "x", [f"orbit.radius_m={radii}"]).pilot_settings())
     assert len(json.dumps(_facts(pilot, "x" * MAX_NAME, 1.0))) < select.PIPE_BUF

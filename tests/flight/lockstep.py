@@ -1,4 +1,4 @@
-"""Flies a pilot against the bundled vehicle in the product's own lockstep, with faults between them."""
+"""Fly a pilot against the bundled vehicle in the product's own lockstep, with faults between them."""
 
 import copyreg
 import itertools
@@ -32,9 +32,9 @@ SETPOINT_IDS = {84, 82, 69}  # SET_POSITION_TARGET_LOCAL_NED, SET_ATTITUDE_TARGE
 
 @dataclass
 class Flight:
-    """A flight under way as the product flies it, with what was seen of it. down, up: what the link does to what we
-    hear and say; None: nothing, at once. signing: ours; vehicle_clock: how far the vehicle's wall clock is off, None:
-    it has none."""
+    """A running flight in the product's lockstep, with its records. down, up: effect of the link on received and sent
+    frames; None: no delay and no loss. signing: of the pilot. vehicle_clock: error of the vehicle's wall clock, s;
+    None: it has no clock."""
 
     pilot: Pilot
     vehicle: Vehicle
@@ -42,7 +42,7 @@ class Flight:
     ticks: list[TickRecord] = field(default_factory=list)
     sent: list[tuple[float, bytes]] = field(default_factory=list)
     others: list[tuple[bytes, Hashable]] = field(default_factory=list)
-    """What somebody else says on the vehicle's link in every step, with his address."""
+    """Frames from another sender, with its address, received on the vehicle's link in every step."""
     hears: Callable[[bytes, float], bool] = lambda frame, now: True
     down: Pipe | None = None
     up: Pipe | None = None
@@ -57,7 +57,7 @@ class Flight:
         self.links = {name: Wire(self, link, name) for name, link in links.items()}
 
     def fly(self, until: float, watch: Callable[["Flight"], None] | None = None) -> "Flight":
-        """Run both to a time, stepping from event to event; `watch` is called after each step."""
+        """Run pilot and vehicle to a time, stepping from event to event. `watch` is called after each step."""
         while self.now < until and not self.pilot.done:
             arrivals = [pipe.next_due for pipe in (self.down, self.up) if pipe is not None]
             self._step(min(self.pilot.scheduler.due, until, *arrivals))
@@ -67,13 +67,13 @@ class Flight:
 
     @property
     def outcome(self) -> Outcome:
-        """How the mission ended, which it must have."""
+        """Outcome of the mission, which must have ended."""
         assert self.pilot.mission.outcome is not None
         return self.pilot.mission.outcome
 
     @property
     def setpoint_times(self) -> list[float]:
-        """When setpoints were sent."""
+        """Times at which setpoints were sent."""
         return [time for time, data in self.sent if any(id in SETPOINT_IDS for id in message_ids(data))]
 
     def _step(self, moment: float) -> None:
@@ -93,7 +93,7 @@ class Flight:
             self.next_truth = self.now + 0.1
 
     def _signal(self) -> str | None:
-        """The signal that has come."""
+        """Return the signal received in this step, or None."""
         return None
 
     def _keep(self, step: LoopStep) -> None:
@@ -102,7 +102,7 @@ class Flight:
 
 @dataclass
 class Wire:
-    """A link of the vehicle, with what the flight does to it; what is sent on it is on its way after the step."""
+    """A link of the vehicle with the flight's faults. Sent frames are delivered after the step."""
 
     flight: Flight
     link: Link
@@ -119,7 +119,7 @@ class Wire:
 
 
 def through(pipe: Pipe | None, data: list[bytes], now: float) -> list[bytes]:
-    """What comes out of a pipe by now, after some more has gone in."""
+    """Push datagrams into a pipe and return the datagrams due by now."""
     if pipe is None:
         return data
     for datagram in data:
@@ -128,8 +128,8 @@ def through(pipe: Pipe | None, data: list[bytes], now: float) -> list[bytes]:
 
 
 def flight(mission: str, *overrides: str, law: str | None = None, output: OutputMode = OutputMode.FLY) -> Flight:
-    """A flight of a file in config/, ready to go. Where a mission says "auto" and no law is named, it flies `smooth`:
-    what is tested then does not depend on the law, and costs a fifth of the time."""
+    """Return a flight of a file in config/, ready to start. If the mission's law is "auto" and `law` is None, it flies
+    `smooth`: such a test does not depend on the law and takes a fifth of the time."""
     loaded = load_mission(CONFIG / f"{mission}.toml", overrides)
     if law is not None or loaded.file.guidance.law == "auto":
         loaded = load_mission(CONFIG / f"{mission}.toml", (*overrides, f'guidance.law="{law or "smooth"}"'))
@@ -138,38 +138,38 @@ def flight(mission: str, *overrides: str, law: str | None = None, output: Output
 
 
 def message_ids(data: bytes) -> list[int]:
-    """Ids of the MAVLink 2 frames in some output."""
+    """Return the ids of the MAVLink 2 frames in some output."""
     return list(map(message_id, frames(data)))
 
 
 def true_radius(truth: Truth) -> float:
-    """Horizontal distance to the target, m."""
+    """Return the horizontal distance to the target, m."""
     return math.hypot(truth.north - truth.target_north, truth.east - truth.target_east)
 
 
 def last_third(flown: Flight) -> list[Truth]:
-    """The truth over the last third of the flight."""
+    """Return the truth over the last third of the flight."""
     return [truth for truth in flown.truths if truth.time >= flown.now * 2 / 3]
 
 
 def mean_radius(truths: list[Truth]) -> float:
-    """Mean horizontal distance to the target, m."""
+    """Return the mean horizontal distance to the target, m."""
     return sum(map(true_radius, truths)) / len(truths)
 
 
 def rms_error(truths: list[Truth], desired: float) -> float:
-    """Root mean square of the radius error, m."""
+    """Return the root mean square of the radius error, m."""
     return math.sqrt(sum((true_radius(truth) - desired) ** 2 for truth in truths) / len(truths))
 
 
 def unrest(flown: Flight) -> float:
-    """Standard deviation of the commanded turn rate over the last third, deg/s."""
+    """Return the standard deviation of the commanded turn rate over the last third, deg/s."""
     turns = [tick.turn_rate for tick in flown.ticks if tick.time > flown.now * 2 / 3 and tick.turn_rate is not None]
     return math.degrees(statistics.pstdev(turns))
 
 
 def clockwise_turns(truths: list[Truth]) -> float:
-    """Turns flown round the target, clockwise seen from above positive: north to east, from the track alone."""
+    """Return the number of laps round the target, positive clockwise as seen from above, from the track only."""
     swept = 0.0
     for a, b in itertools.pairwise(truths):
         an, ae = a.north - a.target_north, a.east - a.target_east

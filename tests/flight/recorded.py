@@ -1,4 +1,4 @@
-"""A lockstep flight that leaves a run folder behind."""
+"""A lockstep flight that writes a run folder."""
 
 import itertools
 import math
@@ -20,8 +20,8 @@ EPOCH_US = 1_790_000_000_000_000
 
 @dataclass
 class RecordedFlight(Flight):
-    """A flight whose turns and ticks go to a recorder. `interrupt_at`: when somebody presses Ctrl-C. `slow_at`: from
-    when on turns take so long that nothing is said in them, up to the first that had something to say."""
+    """A flight whose steps and ticks are recorded. `interrupt_at`: time of the operator's Ctrl-C. `slow_at`: time from
+    which steps are too slow to send a setpoint, until one held back a setpoint."""
 
     recorder: Recorder | None = None
     interrupt_at: float = math.inf
@@ -45,7 +45,8 @@ class RecordedFlight(Flight):
 
 
 def recorded_flight(folder: Path, mission: str, *overrides: str, output: OutputMode = OutputMode.FLY) -> RecordedFlight:
-    """A flight of a file in config/, ready to go, that records into a folder; close its recorder at the end."""
+    """Return a flight of a file in config/, ready to start, that records into a folder. Close its recorder at the
+    end."""
     loaded = load_mission(CONFIG / f"{mission}.toml", overrides)
     assert loaded.file.sim is not None
     recorder, pilot = Recorder(folder, loaded.text), Pilot(loaded.pilot_settings(output))

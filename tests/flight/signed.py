@@ -1,4 +1,4 @@
-"""Lockstep flights of a signing pilot and a signing vehicle; one clock for both, as from GPS."""
+"""Lockstep flights of a signing pilot and a signing vehicle, with one clock for both, as from GPS."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ KEY, OTHER = bytes(range(32)), bytes(range(1, 33))
 def voice(
     key: bytes | None, timestamp: int = 0, system: int = 1, component: int = 1, link_id: int = 0
 ) -> mavlink.MAVLink:
-    """Anybody, with any key and clock."""
+    """Return a sender with any key and clock."""
     engine = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
     engine.signing.secret_key, engine.signing.sign_outgoing = key, key is not None
     engine.signing.timestamp, engine.signing.link_id = timestamp, link_id
@@ -22,7 +22,7 @@ def voice(
 
 
 def key_file(folder: Path, key: bytes, name: str = "drone.key") -> Path:
-    """A key that its owner alone can read."""
+    """Write a key file that only its owner can read."""
     path = folder / name
     path.touch(0o600)
     path.write_text(f"{key.hex()}\n")
@@ -37,7 +37,8 @@ def signed_flight(
     theirs: bytes | None = KEY,
     vehicle_clock: float | None = 0.0,
 ) -> Flight:
-    """A flight of a file in config/, ready to go: our key and that of vehicle and radio, None for none."""
+    """Return a flight of a file in config/, ready to start. ours, theirs: key of the pilot, and of vehicle and radio;
+    None: none."""
     if theirs is not None:
         overrides = (*overrides, f"sim.signing.key_file={key_file(folder, theirs, 'vehicle.key')}")
     made = flight(mission, *overrides)

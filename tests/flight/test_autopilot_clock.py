@@ -1,4 +1,4 @@
-"""A vehicle that runs faster than real time, flown by its own clock, and what is said when it is not."""
+"""A vehicle that runs faster than real time, flown by its own clock, and the alarm if its clock is not used."""
 
 import pytest
 from circnav_sim.faults.frames import message_id
@@ -15,7 +15,7 @@ RANGE, SETPOINT = 132, 84  # DISTANCE_SENSOR, SET_POSITION_TARGET_LOCAL_NED
 
 
 def test_a_simulator_three_times_as_fast_is_flown_in_its_own_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The test moves the computer's clock by 5 ms at a time. Over sockets: tests/cli/test_commands.py."""
+    """The test advances the computer's clock by 5 ms per step. Over sockets: tests/cli/test_commands.py."""
     real = [0.0]
     monkeypatch.setattr(clock_module, "steady", lambda: real[0])
     flown = flight("arducopter", "limits.duration_s=12")

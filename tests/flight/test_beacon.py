@@ -1,4 +1,4 @@
-"""docs/beacon.py against the emulator with its own radio switched off: the range of a simulator that has none."""
+"""docs/beacon.py against the emulator without its own radio: the program supplies the ranges."""
 
 import runpy
 import sys
@@ -16,18 +16,18 @@ from tests.process import ROOT
 
 
 class SurveyedError(Exception):
-    """The survey is over, which ends the program."""
+    """Raised when the survey has finished, to end the program."""
 
 
 class Wire:
-    """A link of the program's own, as `mavutil` has it, to a vehicle that a survey steps on in lockstep."""
+    """The program's own link, with the interface of `mavutil`, to a vehicle that the survey advances in lockstep."""
 
     def __init__(self, bench: Bench) -> None:
         self.mav, self._parser = mavlink.MAVLink(self, 1, 192), mavlink.MAVLink(None)
         self._bench, self._heard = bench, deque[Any]()
 
     def write(self, data: bytes) -> None:
-        """Let the vehicle receive a frame of the program."""
+        """Deliver a frame of the program to the vehicle."""
         self._bench.vehicle.receive(bytes(data), "radio")
 
     def recv_match(self, type: str, **_: object) -> Any:

@@ -1,5 +1,5 @@
-"""Another circle in flight, flown by the emulated vehicles: within a lap, without leaving the new circle again; refused
-where it cannot be flown. The sense of rotation is that of the vehicle's own track."""
+"""A new circle in flight on the emulated vehicles: reached within a lap and then kept, or refused if it cannot be
+flown. The sense of rotation is measured from the vehicle's true track."""
 
 from math import pi
 

@@ -1,4 +1,4 @@
-"""The circle on the map does not depend on how high the vehicle flies: the slant correction follows its altitude."""
+"""The circle on the map does not depend on the vehicle's height: the slant correction follows its altitude."""
 
 import re
 
@@ -16,7 +16,7 @@ HOME_POSITION = b"\xf2\x00\x00"
 
 
 def told_by(mission: str, key: str, *overrides: str) -> Flight:
-    """A flight of a file in config/ that tells the height in another way."""
+    """Return a flight of a file in config/ with another key for the height."""
     text, count = re.subn(r"(?m)^height_above_target_m = .*$", key, (CONFIG / f"{mission}.toml").read_text())
     assert count == 1
     loaded = parse_mission(text, mission, (*overrides, 'guidance.law="smooth"'))
@@ -25,7 +25,7 @@ def told_by(mission: str, key: str, *overrides: str) -> Flight:
 
 
 def test_the_radius_stays_when_the_operator_sends_the_plane_20_m_higher() -> None:
-    """By the height told, 60 m, the ranges of a circle of 150 m would be flown at 140.4 m."""
+    """With the configured height of 60 m, ranges of a circle of 150 m would be flown at 140.4 m."""
     flown = flight("arduplane", "limits.duration_s=120.0").fly(50)
     Operator(flown.vehicle).change_altitude(80.0)
     flown.fly(200)

@@ -1,4 +1,4 @@
-"""Home by one beacon: `config/home.toml`, the SX1280's error and rate, wind of a third of V, GPS lost 2 km out."""
+"""Homing to one beacon: `config/home.toml`, the SX1280's error and rate, wind of a third of V, GPS lost at 2 km."""
 
 from math import hypot
 
@@ -38,8 +38,8 @@ def test_a_plane_that_lost_its_gps_flies_straight_home_and_circles_in_sight(seed
 
 
 def lost(seed: int, at: float, away: float) -> tuple[Flight, list[Truth], float]:
-    """A flight whose beacon stops at a time, s, until its end, with its track from then on and the time of the
-    alarm."""
+    """Fly until the beacon stops at a time, s, and on to the end. Return the flight, its track after that time and the
+    time of the alarm."""
     flown, _ = prepared(seed, STOPS(at), away=away)
     alarmed: list[float] = []
 

@@ -1,4 +1,5 @@
-"""A copter that may not lean as far as V against the wind needs: found, alarmed, flown at the speed that it allows."""
+"""A copter that cannot lean as far as V against the wind requires: detected, alarmed, and flown at the possible
+speed."""
 
 import pytest
 
@@ -7,11 +8,11 @@ from circnav_mav.runtime.status import StatusSource
 from tests.flight.lockstep import flight, last_third, rms_error, unrest
 
 LEANS_LITTLE = ("sim.vehicle.max_lean_deg=20.0", "sim.vehicle.drag_per_s=0.35")
-"""10.2 m/s of airspeed, less what turns the path."""
+"""10.2 m/s of airspeed, less the part that turns the path."""
 
 
 def test_its_speed_is_lowered_to_what_the_lean_allows() -> None:
-    """Before, its speed over the ground sagged once a lap, and the turn was commanded in bursts."""
+    """Without the reduction, its ground speed dropped once a lap, and the turn was commanded in bursts."""
     flown = flight("arducopter", "sim.wind.speed_mps=6.0", *LEANS_LITTLE, law="auto").fly(140)
     assert any(b"leans 20 deg at most, speed 4." in data for _, data in flown.sent)
     alarms = StatusSource(flown.pilot, Onlookers()).status(flown.ticks[-1], flown.now).alarms

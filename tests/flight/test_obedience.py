@@ -1,4 +1,4 @@
-"""A vehicle that stays in its mode and does not fly the turns it is sent: found in 5 s, given back after a while."""
+"""A vehicle that stays in its mode and does not fly the commanded turns: detected in 5 s, handed back after a while."""
 
 import copy
 
@@ -15,7 +15,7 @@ FAR = "bounds.max_range_m=5000.0"
 
 
 def said_at(flown: Flight) -> float:
-    """Time of the STATUSTEXT, s."""
+    """Return the time of the STATUSTEXT, s."""
     return next((time for time, data in flown.sent if SAID in data), float("inf"))
 
 
@@ -36,7 +36,7 @@ NEVER = [
 
 @pytest.mark.parametrize(("mission", "steering"), NEVER)
 def test_a_vehicle_that_never_flies_the_turns_is_alarmed_in_5_s_and_given_back(mission: str, steering: str) -> None:
-    """It begins flying away from the target, so that it is asked to turn."""
+    """It starts by flying away from the target, so that a turn is commanded."""
     fault = f'sim.vehicle.steering="{steering}"'
     flown = flight(mission, fault, FAR, AWAY, "limits.unfollowed_s=4.0", law="auto").fly(60)
     assert said_at(flown) - engaged_at(flown) < 5.0
@@ -49,7 +49,7 @@ def test_a_vehicle_that_never_flies_the_turns_is_alarmed_in_5_s_and_given_back(m
 
 @pytest.mark.parametrize("mission", ["arducopter", "arduplane", "ardurover"])
 def test_one_that_lets_go_on_its_circle_is_alarmed_too(mission: str) -> None:
-    """By a turn that happens to be the circle's, it may stay on it for some seconds longer."""
+    """If its turn happens to match the circle, it may stay on it for several seconds more."""
     circling = flight(mission, FAR, law="auto").fly(50)
     for steering in ("straight", "turning", "frozen", "reversed", "weak"):
         flown = copy.deepcopy(circling)
@@ -70,7 +70,8 @@ def test_one_that_follows_again_is_said_to_and_flown_on() -> None:
 
 
 def test_an_outage_of_the_uplink_does_not_count_as_disobedience() -> None:
-    """Its time-out stops the copter, which follows nothing then; TIMESYNC without an answer tells why."""
+    """The copter stops at its setpoint timeout and then follows no command. Unanswered TIMESYNC requests show the
+    outage."""
     flown = flight("arducopter", FAR, "limits.duration_s=75.0", law="auto").fly(30)
     receive = flown.vehicle.receive
     flown.vehicle.receive = lambda *args, **kwargs: None  # type: ignore[method-assign]

@@ -1,4 +1,4 @@
-"""The command line flying as a process: its run folder, read and replayed; and how signals and a kill end it."""
+"""`circnav fly` as a process: its run folder, read and replayed, and its end by signals and a kill."""
 
 import csv
 import json
@@ -20,7 +20,7 @@ from tests.process import PATIENCE, QUICKSTART, circnav, read_until
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """A quickstart flight of 72 s: its run folder and what it printed."""
+    """Fly the quickstart for 72 s and return its run folder and output."""
     folder = tmp_path_factory.mktemp("run") / "out"
     process = circnav("fly", QUICKSTART, "--duration", "72", "--out", str(folder))
     printed, errors = process.communicate(timeout=PATIENCE)

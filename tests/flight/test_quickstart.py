@@ -1,4 +1,4 @@
-"""The quickstart mission in lockstep: both senses of rotation, every ranging message; and the paper's examples 1 and 3
+"""The quickstart mission in lockstep: both senses of rotation, every ranging message, and the paper's examples 1 and 3
 through real MAVLink bytes."""
 
 import itertools
@@ -36,7 +36,7 @@ def test_every_ranging_message_flies_the_circle_in_the_sense_asked_for(direction
 
 @pytest.mark.parametrize(("example", "radius", "tolerance"), [(1, 10.987, 0.02), (3, 10.0, 0.05)])
 def test_example_reaches_the_papers_radius_clockwise_and_enters_the_circle_once(example, radius, tolerance):
-    """From one start; sixty, and two thousand, without MAVLink: tests/extras, `circnav paper`."""
+    """From one start. From 60 and 2,000 starts, without MAVLink: tests/extras, `circnav paper`."""
     flown = flight(f"paper_example_{example}", "limits.duration_s=120", "sim.seed=1").fly(130)
     assert flown.outcome.ending.value == "completed"
     assert mean_radius(last_third(flown)) == pytest.approx(radius, abs=tolerance)

@@ -1,4 +1,4 @@
-"""Whole flights with a radio that measures the range rate, and with one that freezes, over real MAVLink."""
+"""Whole flights over MAVLink with a radio that measures the range rate, and with one that freezes."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ RADIO = (
 
 
 def flown(until, *overrides, law="smooth"):
-    """A quickstart flight with such a radio, and when each alarm came first, by its first words."""
+    """Return a quickstart flight with such a radio, and the time of each alarm, by its first words."""
     under_way, alarms = flight("quickstart", *RADIO, *overrides, law=law), {}
     watch = StatusSource(under_way.pilot, Onlookers())
 

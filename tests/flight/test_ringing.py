@@ -1,8 +1,9 @@
-"""The emulated plane and copter swing where the real ones swing, and are quiet where those are quiet.
+"""The emulated plane and copter swing where the real vehicles swing, and are quiet where the real vehicles are quiet.
 
-Real firmware, flown with the gains below as `flown` (DISTANCE_SENSOR .5 m at 10 Hz, calm air, 11 .. 21 ms there and
-back, last two laps): ArduPlane 4.6.3 at R 150, V 22: radius RMS .8 .. 1.7 m, commanded turn sd 11.7 .. 14 deg/s, roll
--43 .. +51 deg; ArduCopter at R 30, V 5: sd 26 .. 30 deg/s at 1 Hz. Without lead: sd .3 .. 1 deg/s, .28 .. .33, .15 m.
+Real firmware, flown with the gains below as `flown` (DISTANCE_SENSOR 0.5 m at 10 Hz, calm air, 11 to 21 ms of
+round-trip delay, last two laps): ArduPlane 4.6.3 at R 150, V 22: radius RMS 0.8 to 1.7 m, commanded turn sd 11.7 to 14
+deg/s, roll -43 to +51 deg; ArduCopter at R 30, V 5: sd 26 to 30 deg/s at 1 Hz. Without lead: sd 0.3 to 1 deg/s,
+radius RMS 0.28 to 0.33 m and 0.15 m.
 """
 
 from collections.abc import Callable
@@ -25,8 +26,8 @@ LAG = {"arduplane": 0.5, "arducopter": 0.7}  # turn_lag_s of the missions flown
 
 
 def as_shipped(mission: str, share_counts: bool = False) -> Callable[..., float]:
-    """The law as flown on firmware at first: made for a pure first-order lag, with a full lead. share_counts: whether
-    it lowers its gains where its command was found swinging."""
+    """Return the law as first flown on firmware: designed for a pure first-order lag, with a full lead. share_counts:
+    True if it lowers its gains when its command swings."""
 
     before = {"psi": 0.0, "time": -inf, "rate": 0.0}
 
@@ -56,7 +57,7 @@ def as_shipped(mission: str, share_counts: bool = False) -> Callable[..., float]
 
 
 def laps(mission: str, count: int = 2) -> Flight:
-    """Laps after the approach, over a link of 10 .. 22 ms there and back."""
+    """Fly laps after the approach, with 10 to 22 ms of round-trip delay."""
     duration = APPROACH + count * lap(mission)
     flown = flight(mission, f"vehicle.turn_lag_s={LAG[mission]}", f"limits.duration_s={duration}", law="auto")
     flown.down, flown.up = (Pipe(Impairment(delay=0.005, jitter=0.006, in_order=True), seed) for seed in (1, 2))
@@ -68,7 +69,8 @@ def lap(mission: str) -> float:
 
 
 def last_laps(flown: Flight, mission: str, count: int = 2) -> tuple[float, float, float, list[float]]:
-    """Radius RMS, m; sd of the commanded turn rate, deg/s; turns round the target; roll, deg, smallest and largest."""
+    """Return radius RMS, m; standard deviation of the commanded turn rate, deg/s; laps round the target; smallest and
+    largest roll, deg."""
     begin = flown.now - count * lap(mission)
     truths = [truth for truth in flown.truths if truth.time > begin]
     turns = [tick.turn_rate for tick in flown.ticks if tick.time > begin and tick.turn_rate is not None]
@@ -79,9 +81,9 @@ def last_laps(flown: Flight, mission: str, count: int = 2) -> tuple[float, float
 
 @pytest.mark.parametrize(("mission", "least", "most"), [("arduplane", 8.0, 14.1 * 1.5), ("arducopter", 26 / 1.5, 45.0)])
 def test_it_swings_with_the_gains_that_swing_on_firmware(mission, least, most, monkeypatch):
-    """least, most: of the commanded turn, deg/s."""
+    """least, most: limits of the standard deviation of the commanded turn rate, deg/s."""
     monkeypatch.setattr(step, "_by_drift", as_shipped(mission))
-    # of both nobody knew then
+    # the law of that time had neither of these
     monkeypatch.setattr(SideSlip, "follow", lambda slip, own: (slip, own))
     monkeypatch.setattr(watches, "CLOSES", 0.0)
     flown = laps(mission, 1)
@@ -99,7 +101,8 @@ def test_it_swings_with_the_gains_that_swing_on_firmware(mission, least, most, m
 
 @pytest.mark.parametrize(("mission", "count", "judged", "most"), [("arduplane", 1, 1, 0.3), ("arducopter", 3, 2, 0.12)])
 def test_the_gains_of_today_fly_quietly_and_truly(mission: str, count: int, judged: int, most: float) -> None:
-    """Turn sd on firmware: .2 deg/s of either. A bank without a model of a drift that stands still flies .8, .15 m."""
+    """Turn standard deviation on firmware: 0.2 deg/s for both. A filter without a hypothesis of constant drift has a
+    radius RMS of 0.8 m and 0.15 m."""
     flown = laps(mission, count)
     rms, sd, turns, _ = last_laps(flown, mission, judged)
     assert sd < 0.5 and rms < most
@@ -119,7 +122,7 @@ def test_a_command_that_swings_is_said_and_answered_by_lower_gains_until_it_stop
 
 
 TIGHT = ("orbit.radius_m=60.0", "vehicle.speed_mps=15.0", "sim.vehicle.cruise_speed_mps=15.0", "sim.wind.speed_mps=5.0")
-RINGING = {  # mission, overrides, when it swings at the latest (s), quiet (deg/s), radius error (shares)
+RINGING = {  # mission, overrides, frequency, damping, latest detection (s), quiet (deg/s), radius error (shares)
     "rover, steering badly tuned": ("ardurover", (), 4.0, 0.1, 20.0, 2.0, 0.1),
     "copter, yaw badly tuned": ("arducopter", (), 4.0, 0.08, 25.0, 4.0, 0.1),
     "plane, roll rings on a tight circle in wind": ("arduplane", TIGHT, 4.4, 0.05, 45.0, 11.0, 0.15),
@@ -128,8 +131,8 @@ RINGING = {  # mission, overrides, when it swings at the latest (s), quiet (deg/
 
 @pytest.mark.parametrize("name", RINGING)
 def test_a_vehicle_whose_own_loop_rings_is_found_and_flown_with_lower_gains(name: str) -> None:
-    """Until then it swings by 45 deg/s, or at 0.7 Hz between -4 and 48 deg of bank. The plane's turn itself is 18 deg/s
-    on average and 10 to 32 round a lap."""
+    """Before the detection it swings by 45 deg/s, or at 0.7 Hz between -4 and 48 deg of bank. The plane's own turn is
+    18 deg/s on average and 10 to 32 deg/s during a lap."""
     mission, overrides, frequency, damping, at, quiet, off = RINGING[name]
     loop = (f"sim.vehicle.turn_frequency_rad_s={frequency}", f"sim.vehicle.turn_damping={damping}")
     flown = flight(mission, *overrides, *loop, "limits.duration_s=100.0", law="auto").fly(130)

@@ -1,4 +1,4 @@
-"""A flight with the bundled vehicle is the same to the last digit, whatever else the computer does."""
+"""A flight with the bundled vehicle is identical to the last digit, under any load of the computer."""
 
 import json
 import os
@@ -13,7 +13,7 @@ from tests.process import PATIENCE, circnav
 
 @contextmanager
 def busy() -> Iterator[None]:
-    """As many processes as there are processors, all computing."""
+    """Start one busy process for each processor."""
     hogs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(os.cpu_count() or 1)]
     try:
         yield

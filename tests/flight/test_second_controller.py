@@ -1,4 +1,4 @@
-"""Another program on the same vehicle that is not received here: found by what the vehicle reports and answers."""
+"""Another program steers the same vehicle and is not received here: detected from the vehicle's reports and answers."""
 
 import pytest
 from circnav_sim.faults.frames import frames, message_id, write
@@ -10,11 +10,11 @@ from tests.frames import read
 
 OTHER = (1, 193)
 BEGINS = 40.0
-"""Time, s, by which each of them turns."""
+"""Time at which the other program starts to send, s; every vehicle turns by then."""
 
 
 def turning_the_other_way(frame: bytes) -> bytes:
-    """A setpoint of ours as a program on the circle of the other sense sends it."""
+    """Return our setpoint as a program that flies the circle in the other sense would send it."""
     message = read(frame)
     if message.get_msgId() == 84:
         message.yaw_rate, message.afy = -message.yaw_rate, -message.afy
@@ -27,7 +27,7 @@ def turning_the_other_way(frame: bytes) -> bytes:
 
 
 def flown_with_another(mission, until=BEGINS + 6.0):
-    """(flight, when the operator was told first, s, and words)."""
+    """Return (flight, {evidence: time at which it was first reported, s})."""
     flown, told, seen = flight(mission, "limits.duration_s=1000.0"), {}, [0]
 
     def other(flown):
@@ -56,5 +56,5 @@ def test_another_programs_setpoints_are_alarmed_within_five_seconds_and_ours_are
 
 @pytest.mark.parametrize("mission", ["ardurover", "px4_plane"])
 def test_a_vehicle_that_reports_no_setpoint_does_not_show_it(mission):
-    """As docs/safety.md says."""
+    """A limit documented in docs/safety.md."""
     assert flown_with_another(mission, until=BEGINS + 4.0)[1] == {}

@@ -1,4 +1,4 @@
-"""Signed flights end to end: in lockstep, over sockets, replayed; and those that must not come about."""
+"""Signed flights end to end: in lockstep, over sockets and replayed; and flights that must not start."""
 
 import hashlib
 import json
@@ -44,8 +44,8 @@ APART = ('ranging.endpoint="sim"', 'sim.ranging.via="direct"')
     ids=["px4, before and in offboard", "ranging apart", "no clock"],
 )
 def test_a_vehicle_with_our_key_is_flown(mission, overrides, clock, tmp_path):
-    """Without GPS an autopilot has no clock; it takes over ours with the first frame of ours that it hears. One whose
-    clock is off, and keys that are not ours, on one link: the fault matrix, F22."""
+    """Without GPS an autopilot has no clock and takes the time from our first frame. A wrong clock and unknown keys on
+    one link: the fault matrix, F22."""
     flown = signed_flight(mission, tmp_path, *overrides, vehicle_clock=clock).fly(15)
     assert flown.pilot.mission.phase is Phase.ENGAGED
     assert len(flown.vehicle.setpoint_log) > 200
@@ -77,14 +77,14 @@ def test_an_autopilot_that_reboots_is_believed_again_and_ends_the_mission(tmp_pa
     flown = signed_flight("arducopter", tmp_path).fly(30)
     flown.vehicle._run_event(Event(action="reboot", value=2.0))
     flown.fly(60)
-    # the mode in which it starts
+    # the initial mode
     assert flown.outcome.reason.startswith("pilot or failsafe switched to STABILIZE after ")
     assert flown.now < 35
     assert flown.pilot.frames_refused() == {}
 
 
 def test_forged_and_replayed_commands_reach_neither_side(tmp_path: Path) -> None:
-    """An attacker commands the vehicle and speaks in its name; then says again all that it had said."""
+    """An attacker sends commands to the vehicle and imitates it, and then replays recorded frames."""
     flown = signed_flight("arducopter", tmp_path, "limits.duration_s=1000.0").fly(40)
     recorded: list[bytes] = []
     flown.hears = lambda frame, now: recorded.append(frame) or True
@@ -119,7 +119,7 @@ def test_the_operator_with_the_key_takes_over_as_ever(tmp_path: Path) -> None:
 
 
 def test_a_signed_flight_of_the_command_is_replayed_without_its_key(tmp_path: Path) -> None:
-    """Neither key nor signature is in the run folder. That it circles: above."""
+    """The run folder contains neither key nor signature. The circle itself is tested above."""
     key, folder = key_file(tmp_path, KEY), tmp_path / "out"
     process = circnav(
         *("fly", QUICKSTART, "--duration", "25", "--out", str(folder)),
@@ -156,7 +156,8 @@ def assert_nothing_secret_is_kept(folder: Path) -> None:
 
 
 def test_pymavlink_with_the_passphrase_commands_the_signing_emulator(port: int, tmp_path: Path) -> None:
-    """mavutil with `setup_signing`, as MAVProxy does it of a passphrase; without it the vehicle does not listen."""
+    """mavutil with `setup_signing`, which MAVProxy also uses with a passphrase. Without it the vehicle ignores the
+    command."""
     passphrase = "open sesame"
     made = subprocess.run(
         ["sh", "-c", f"printf %s '{passphrase}' | sha256sum | cut -c1-64 > drone.key"], cwd=tmp_path, check=True
@@ -177,7 +178,7 @@ def test_pymavlink_with_the_passphrase_commands_the_signing_emulator(port: int, 
 
 
 def mode_asked_for(port: int, key: bytes | None) -> int | None:
-    """Ask for GUIDED and wait for the answer."""
+    """Request GUIDED and return the result, or None without an answer."""
     station = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=255, dialect="all")
     station.mav = mavlink.MAVLink(station, srcSystem=255, srcComponent=190)
     station.mav.robust_parsing = True

@@ -1,4 +1,4 @@
-"""Real ground stations beside us on the emulator: they see the vehicle, and what they command takes it away from us."""
+"""Real ground stations beside circnav on the emulator: they see the vehicle, and their commands take it over."""
 
 import contextlib
 import json
@@ -15,7 +15,7 @@ MAVPROXY = "MAVProxy==1.8.75"
 
 
 class Stage:
-    """An emulator on a port of its own, and our application flying it."""
+    """An emulator on its own port, and circnav flying it."""
 
     def __init__(self, mission: str, folder: Path, open_things: contextlib.ExitStack) -> None:
         self.port = open_things.enter_context(reserved_port())
@@ -26,12 +26,12 @@ class Stage:
         read_until(vehicle, "udpin")
 
     def start(self, *arguments: str, **environment: str) -> subprocess.Popen[str]:
-        """A Python process that ends with the test."""
+        """Start a Python process that ends with the test."""
         process = python(*arguments, stdin=subprocess.PIPE, stderr=subprocess.STDOUT, **environment)
         return self._open_things.enter_context(running(process))
 
     def fly(self) -> subprocess.Popen[str]:
-        """Our application, once it is engaged."""
+        """Start circnav and return its process once it is engaged."""
         process = self.start(
             *("-m", "circnav_mav", "fly", self._mission, "--endpoint", f"udpout:127.0.0.1:{self.port}"),
             *("--duration", "600", "--out", str(self._folder), "--set", "link.unsigned_parameters=true"),
@@ -40,7 +40,7 @@ class Stage:
         return process
 
     def verdict(self, process: subprocess.Popen[str]) -> tuple[int, str]:
-        """Exit code and reason of our application."""
+        """Return exit code and reason of circnav."""
         process.communicate(timeout=PATIENCE)
         return process.returncode, json.loads((self._folder / "summary.json").read_text())["reason"]
 
@@ -53,7 +53,7 @@ def stage(tmp_path: Path) -> Iterator[Callable[[str], Stage]]:
 
 @pytest.fixture(scope="session")
 def mavproxy(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """MAVProxy from PyPI without its gigabyte of graphics, in a folder of its own."""
+    """Install MAVProxy from PyPI in a separate folder, without its gigabyte of graphics dependencies."""
     folder = tmp_path_factory.mktemp("mavproxy")
     install = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", str(folder), MAVPROXY]
     if subprocess.run(install, capture_output=True, check=False).returncode != 0:
@@ -70,7 +70,7 @@ def test_mavproxy_sees_the_copter_changes_our_radius_and_its_mode_command_ends_o
         PYTHONPATH=str(mavproxy),
     )
     assert station.stdin is not None
-    said = read_until(station, "Received")  # its parameters: it has the vehicle, its mode and its armed state
+    said = read_until(station, "Received")  # its parameters: it has read vehicle, mode and armed state
     assert "Detected vehicle 1:1" in said
     assert "ARMED" in said
     assert "GUIDED> Mode GUIDED" in said
@@ -105,7 +105,7 @@ def test_mavsdk_sees_the_px4_copter_sets_our_radius_and_its_hold_ends_our_flight
         until(lambda: telemetry.armed() and telemetry.flight_mode() == FlightMode.OFFBOARD)
         until(lambda: telemetry.position().relative_altitude_m > 10)
         editor = Param(system)
-        with contextlib.suppress(ParamError):  # it does select, and reports UNKNOWN
+        with contextlib.suppress(ParamError):  # the selection succeeds although UNKNOWN is reported
             editor.select_component(191, ProtocolVersion.V1)
         assert editor.get_param_float("CN_RADIUS") == 50.0
         editor.set_param_float("CN_RADIUS", 60.0)

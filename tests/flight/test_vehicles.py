@@ -1,4 +1,4 @@
-"""Every vehicle of the adapter table, flown in lockstep against the emulator's profile of it."""
+"""Every vehicle of the adapter table, flown in lockstep against its emulator profile."""
 
 import copy
 import random
@@ -18,7 +18,7 @@ from tests.flight.lockstep import (
     unrest,
 )
 
-ARDUPILOT = {"arducopter": 5, "arduplane": 7, "ardurover": 4}  # mission -> a mode of the operator's
+ARDUPILOT = {"arducopter": 5, "arduplane": 7, "ardurover": 4}  # mission -> a mode that the operator selects
 PX4 = ("px4_copter", "px4_plane", "px4_plane_attitude")
 VEHICLES = (*ARDUPILOT, *PX4)
 AUTO_LOITER = (4, 3)
@@ -31,13 +31,13 @@ def take_over(flown: Flight, mission: str) -> None:
 
 @cache
 def begun(mission: str) -> Flight:
-    """Engaged, after 8 s; to be copied."""
+    """Return a flight 8 s after its start, engaged. Copy it before use."""
     return flight(mission, "limits.hold_s=4.0").fly(8)
 
 
 @pytest.mark.parametrize(("mission", "lasts", "most"), [("arducopter", 120.0, 1.5), ("px4_plane_attitude", 90.0, 2.5)])
 def test_vehicle_holds_the_circle_to_two_percent_counterclockwise_with_a_quiet_turn(mission, lasts, most):
-    """most: standard deviation of the turn command, deg/s; the turn itself is 5 .. 13. The other vehicles:
+    """most: standard deviation of the turn command, deg/s; the turn itself is 5 to 13 deg/s. The other vehicles:
     tests/tools/firmware/test_emulated.py, the rover test_weather.py; clockwise: test_ringing.py."""
     flown = flight(mission, 'orbit.direction="counterclockwise"', f"limits.duration_s={lasts}", law="auto").fly(200)
     radius = flown.pilot.settings.orbit.radius
@@ -48,8 +48,8 @@ def test_vehicle_holds_the_circle_to_two_percent_counterclockwise_with_a_quiet_t
 
 
 def test_plane_flies_the_same_mission_although_it_turns_less_than_it_is_told() -> None:
-    """22.0 m/s indicated is 23.4 true on the emulated plane: the coordinated rate it knows is 6 % too high. The mean
-    radius is true all the same."""
+    """22.0 m/s indicated is 23.4 m/s true on the emulated plane, so the assumed coordinated turn rate is 6 % too high.
+    The mean radius is correct all the same."""
     flown = flight("arduplane", "sim.vehicle.turn_effectiveness=0.73", 'orbit.direction="counterclockwise"').fly(160)
     assert rms_error(last_third(flown), 150.0) < 1.0
     assert clockwise_turns(last_third(flown)) < -0.8
@@ -59,7 +59,7 @@ def test_plane_flies_the_same_mission_although_it_turns_less_than_it_is_told() -
 
 @pytest.mark.parametrize("mission", VEHICLES)
 def test_no_setpoint_after_the_tick_that_saw_the_operator_take_over_at_random_ticks(mission: str) -> None:
-    """A thousand of them: the fault matrix, F16."""
+    """1,000 random ticks: the fault matrix, F16."""
     chance = random.Random(3)
     for _ in range(10):
         flown = copy.deepcopy(begun(mission))
@@ -109,7 +109,8 @@ def test_exit_action_gives_the_vehicle_to_the_mode_that_the_mission_names(missio
 def test_px4_plane_given_back_without_sticks_stays_in_hold_only_where_hold_is_excepted(
     excepted: int, in_the_end: str, taken_over: bool
 ) -> None:
-    """Our stick counts as manual control: when it ends, PX4 calls that lost, whoever has the vehicle by then."""
+    """Our stick counts as manual control. When it ends, PX4 reports manual control lost, even if the operator has taken
+    over."""
     flown = flight("px4_plane", "limits.duration_s=8.0")
     operator = Operator(flown.vehicle)
     operator.set_px4_integer("COM_RCL_EXCEPT", excepted)
@@ -164,7 +165,7 @@ def test_px4_copter_holds_its_height_although_zero_climb_rate_does_not() -> None
 
 
 def test_px4_copter_is_believed_to_follow_a_command_that_swings_through_zero() -> None:
-    """It answers within half a second. Judged by the 1.3 s of its mission it seemed deaf: its path did not count, and
-    on its circle the target was searched for again."""
+    """It answers within 0.5 s. With the configured 1.3 s it was classified as not following: its path was ignored, and
+    the search for the target restarted on its circle."""
     flown = flight("px4_copter", "sim.wind.speed_mps=3.0", "sim.seed=4", law="auto").fly(90)
     assert {tick.law for tick in flown.ticks if tick.time > 40} == {"drift"}

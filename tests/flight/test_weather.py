@@ -1,8 +1,8 @@
-"""`auto` through MAVLink in the situations of the benchmark, each on the plane or the copter of the emulator; over a
-slow link, with a radio that says too little of its noise, and with less bank than the mission counts on.
+"""`auto` through MAVLink in the situations of the benchmark, each on the emulated plane or copter; over a slow link,
+with a radio that reports too little noise, and with less bank than the mission assumes.
 
-Wind and moving targets in shares of the speed; the copter's autopilot holds its speed over the ground, so wind does
-not reach the guidance there.
+Wind and target speeds are shares of the vehicle's speed. The copter's autopilot holds its speed over ground, so the
+wind does not reach the guidance there.
 """
 
 import pytest
@@ -63,8 +63,8 @@ def test_a_radio_that_says_too_little_of_its_noise_is_found_out_told_of_and_flow
 
 @pytest.mark.parametrize(("mission", "most"), [("arduplane", 1.5), ("ardurover", 4.0)])
 def test_a_link_that_takes_a_while_does_not_make_the_turn_swing(mission: str, most: float) -> None:
-    """A tenth of a second each way, more or less: what a companion on a loaded machine or a quick radio has. most:
-    standard deviation of the turn command, deg/s; the turn itself is 8 deg/s."""
+    """0.05 to 0.15 s of delay each way, as on a busy companion computer or a fast radio. most: standard deviation of
+    the turn command, deg/s; the turn itself is 8 deg/s."""
     flown = flight(mission, f"limits.duration_s={DURATION}", law="auto")
     flown.down, flown.up = (Pipe(Impairment(delay=0.05, jitter=0.1, in_order=True), seed) for seed in (1, 2))
     flown.fly(80.0)
@@ -74,12 +74,12 @@ def test_a_link_that_takes_a_while_does_not_make_the_turn_swing(mission: str, mo
 
 
 EFFECTIVENESS, AIRSPEED_SCALE = 0.747, 1.065 / 1.033
-"""Of the emulated plane: realised over coordinated turn rate, and true airspeed over the standard atmosphere's."""
+"""Emulated plane: actual over coordinated turn rate, and true airspeed over the standard atmosphere's."""
 
 
 def test_a_bank_limit_below_the_missions_is_learnt_as_one_and_a_lap_is_planned_within_it():
-    """ROLL_LIMIT_DEG 35 of 45: downwind in 5 m/s the circle asks for more. Fed with what was commanded instead of the
-    bank that the plane had, the turn gain came out lower. Without a plan of the lap the circle is held within 2.6 m."""
+    """ROLL_LIMIT_DEG 35 instead of 45 deg: downwind in 5 m/s the circle requires more. With the commanded bank instead
+    of the measured one, the turn gain came out too low. Without a planned lap the circle is held within 2.6 m."""
     flown = flight(
         "arduplane", "sim.vehicle.max_bank_deg=35.0", "sim.wind.from_deg=270", "sim.wind.speed_mps=5.0", law="auto"
     ).fly(155.0)

@@ -1,6 +1,9 @@
-"""Shared by the tests of the guidance: relative motions of a vehicle at 15 m/s, 100 m east of its target, known and
-trusted but where told else; one flight with one hypothesis for the filters of many; and a vehicle that circles in wind,
-with estimators that listen to it."""
+"""Helpers of the guidance tests.
+
+Unless stated otherwise, a vehicle flies at 15 m/s, 100 m east of a target whose position is estimated and trusted.
+`hypothesis` builds one flight with one hypothesis for the multiple-model filters. `Circling` turns steadily in wind,
+and estimators observe its ranges and motion.
+"""
 
 from copy import deepcopy
 from dataclasses import dataclass, field
@@ -31,13 +34,13 @@ def hypothesis(x, P):
 
 
 def noise(*values):
-    """What one hypothesis assumes."""
+    """Noise assumed by one hypothesis."""
     return Noise(*(np.array([[value]]) for value in values))
 
 
 @dataclass
 class Circling:
-    """A vehicle that turns steadily and drifts with the wind, round nobody in particular; its target can jump."""
+    """A vehicle that turns steadily and drifts with the wind, not around the target. The target can jump."""
 
     target: tuple[float, float] = (150.0, 80.0)
     wind: tuple[float, float] = WIND
@@ -59,7 +62,7 @@ class Circling:
 
 
 def listen(estimator, world, start, end, every=0.05, motion_every=0.05, motion_delay=0.0):
-    """Ranges and own motion until `end`, each at its own rate; own motion arrives late by motion_delay."""
+    """Observe ranges and own motion until `end`, each at its own rate. Own motion arrives motion_delay seconds late."""
     events = [(t, "range") for t in np.arange(start, end, every)]
     events += [(t + motion_delay, "motion") for t in np.arange(start, end, motion_every)]
     for t, kind in sorted(events, key=lambda event: (event[0], event[1] == "range")):
@@ -83,7 +86,7 @@ def _listened(make, seconds, world):
 
 
 def listened(make=DriftEstimator, seconds=30.0, world=Circling):
-    """A world, and an estimator that has listened to it for some seconds."""
+    """A world, and an estimator that has observed it for some seconds."""
     return deepcopy(_listened(make, seconds, world))
 
 
@@ -94,5 +97,5 @@ def silent(estimator, world, start, end):
 
 
 def still():
-    """No wind, and a vehicle on its circle, where the range stays as it is."""
+    """A world without wind, in which the vehicle is on its circle and the range is constant."""
     return Circling(target=(0.0, RADIUS), wind=(0.0, 0.0))

@@ -1,4 +1,4 @@
-"""Requests for another circle: what is refused and why, and when a lap is complete."""
+"""Requests for another circle: reasons for refusal, and completion of a lap."""
 
 from math import inf, nan, pi
 

@@ -10,7 +10,8 @@ from circnav_mav.guidance.watches import next_trim
 
 
 def trimmed(trim, error, saturated=False, change=0.0):
-    """After a tenth of a second off a circle of 100 m at 15 m/s, with .05/s; it grows within 20 m, up to 15 m."""
+    """Radius trim after 0.1 s off a circle of 100 m at 15 m/s, with 0.05/s. It grows within 20 m of the circle, up to
+    15 m."""
     return next_trim(trim, rate=0.05, r=100.0 + error, change=change, r_d=100.0, V=15.0, step=0.1, saturated=saturated)
 
 
@@ -40,7 +41,7 @@ def test_the_trim_holds_the_mean_radius(trim, error, saturated, after):
 def test_an_approach_that_settles_by_itself_leaves_next_to_nothing():
     trim = 0.0
     for step in range(300):
-        error = 40.0 * exp(-step / 25.0)  # with 2.5 s; a whole count of it within 20 m would be 2.5 m
+        error = 40.0 * exp(-step / 25.0)  # with 2.5 s; counting 2.5 s in full within 20 m would give 2.5 m
         trim = trimmed(trim, error, change=-error / 25.0)
     assert abs(trim) < 0.25
 

@@ -15,7 +15,7 @@ def circling(t: float, airspeed: float = V) -> OwnMotion:
 
 
 def arc(t: float) -> tuple[float, float]:
-    """Where a steady turn has come from t = 0, by hand."""
+    """Displacement of a steady turn since t = 0, from the closed form."""
     return V / OMEGA * (sin(OMEGA * t + 3.0) - sin(3.0)), -V / OMEGA * (cos(OMEGA * t + 3.0) - cos(3.0))
 
 
@@ -28,7 +28,7 @@ def told(*times: float) -> FlownPath:
 
 @pytest.mark.parametrize("t", [0.0, 0.07, 0.2, 0.33, 1.0, 1.4, 1.4 + EXTRAPOLATED])
 def test_a_steady_turn_is_an_arc_between_reports_and_beyond_them(t):
-    """Through the cut of the heading at pi, too: it is passed after .35 s."""
+    """Includes the wrap of the heading at pi, which is passed after 0.35 s."""
     knot = told(0.0, 0.2, 0.4, 1.4).at(t)
     x, y = arc(t)
     assert (knot.x, knot.y) == pytest.approx((x, y), abs=1e-9)

@@ -1,4 +1,4 @@
-"""The estimators beside the bank: `unicycle`, `measured`, and what all of them make of a measured range rate."""
+"""The estimators `unicycle` and `measured`, and the use of a measured range rate by all estimators."""
 
 from dataclasses import replace
 from math import cos, hypot, pi
@@ -55,7 +55,8 @@ def test_measured_is_the_paper_with_no_filter_in_between():
 
 @pytest.mark.parametrize("make", [DriftEstimator, UnicycleEstimator])
 def test_where_it_went_in_a_hole_of_its_own_motion_nobody_guesses(make):
-    """Four seconds without a word: nothing is predicted over them, and a range begins anew."""
+    """For four seconds no motion is reported: nothing is predicted over them, and the next range restarts the
+    estimator."""
     world, estimator = listened(make, 30.0, still)
     assert estimator.ready and estimator.at(30.0) is not None
     for t in (34.0, 34.05, 34.1):
@@ -80,7 +81,7 @@ def test_unicycle_knows_the_angle_to_the_target_in_still_air():
 
 @pytest.mark.parametrize("gap", [15.0, 60.0])
 def test_after_a_gap_in_which_it_may_have_turned_anywhere_unicycle_is_ready_only_when_it_knows_the_angle_again(gap):
-    """On its circle, where the range comes back as it was, whatever the angle is held to be."""
+    """On its circle the range returns to its value at any assumed angle."""
     world, estimator = listened(UnicycleEstimator, 30.0, still)
     silent(estimator, world, 30.0, 30.0 + gap)
     errors = []
@@ -93,7 +94,7 @@ def test_after_a_gap_in_which_it_may_have_turned_anywhere_unicycle_is_ready_only
 
 
 def test_unicycle_lives_on_a_slow_radio_while_the_vehicle_turns_slowly():
-    """A range every 2.5 s, more than a quarter turn at the limit takes, on a circle of 62 s a lap."""
+    """A range every 2.5 s, longer than a quarter turn at the limit takes, on a circle of 62 s per lap."""
     world, estimator = still(), UnicycleEstimator(replace(SETTINGS, max_turn_rate=0.7))
     for step in range(1200):
         estimator.move(world.motion(0.05 * step))

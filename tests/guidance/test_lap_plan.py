@@ -1,4 +1,4 @@
-"""The lap of a vehicle that cannot turn as its circle asks, against the geometry of the planned curve."""
+"""The lap of a vehicle that cannot turn as fast as its circle demands, against the geometry of the planned curve."""
 
 from itertools import pairwise, product
 from math import hypot, inf, pi
@@ -17,14 +17,14 @@ from circnav_mav.guidance.vector_field import drift, drift_gains, mirrored
 from tests.tools.firmware.bound import squeezed
 
 V, R_D, WIND = 23.4, 150.0, 5.0
-"""ArduPlane as flown. Its circle asks for up to .230 rad/s."""
+"""ArduPlane as flown. Its circle demands up to 0.230 rad/s."""
 LIMIT = 0.215
 UNKNOWN = BankLimit()
 
 
 def geometry(lap, wind):
-    """Turn rates of the nose along a planned curve, rad/s, and its RMS off the circle over time, m: by positions alone,
-    without the plan's own equation."""
+    """Return the nose's turn rates along a planned curve (rad/s) and its RMS off the circle over time (m). Uses
+    positions alone, without the plan's own equation."""
     knots = np.linspace(-pi, pi, ANGLES, endpoint=False) + lap.downwind
     radii = [lap.at(float(angle))[0] for angle in knots]
     curve = CubicSpline([*knots, knots[0] + 2 * pi], [*radii, radii[0]], bc_type="periodic")
@@ -34,14 +34,14 @@ def geometry(lap, wind):
     blows = wind * np.exp(-1j * course)
     time = np.abs(np.gradient(place)) / (np.sqrt(V**2 - blows.imag**2) + blows.real)
     turn = np.gradient(course - np.arcsin(blows.imag / V)) / time
-    of_a_knot = round(4000 / ANGLES)  # between two of them a spline swings where the bend begins
+    of_a_knot = round(4000 / ANGLES)  # between two of them a spline oscillates where the limited part begins
     smooth = np.convolve(turn, np.ones(of_a_knot) / of_a_knot, "valid")
     return smooth, float(np.sqrt(np.average((abs(place) - R_D) ** 2, weights=time)))
 
 
 @pytest.mark.parametrize("blows", [0.0, 2.3])
 def test_the_planned_lap_keeps_the_limit_and_is_nearly_the_truest_that_does(blows):
-    """The least RMS is worked out apart, in tests/tools/firmware/bound.py; a plan for less than the limit has more."""
+    """The least RMS is computed independently in tests/tools/firmware/bound.py. A plan for a lower limit has more."""
     wind = WIND * np.exp(1j * blows)
     lap = plan((wind.real, wind.imag), V=V, r_d=R_D, limit=LIMIT)
     assert lap is not None
@@ -51,7 +51,7 @@ def test_the_planned_lap_keeps_the_limit_and_is_nearly_the_truest_that_does(blow
 
 
 def test_every_drift_and_limit_that_can_be_estimated_has_a_lap():
-    """A flight must not end by an equation without a solution: up to no limit at all, and a drift of V."""
+    """An equation without a solution must not end a flight. Includes a limit of 0 and a drift of V."""
     for wind, limit in product(np.arange(0.0, 1.2, 0.1), np.arange(0.0, 3.2, 0.2)):
         lap = plan((wind * V, 0.0), V=V, r_d=R_D, limit=limit * V / R_D)
         radii = [R_D] if lap is None else [lap.at(float(angle))[0] for angle in np.linspace(-pi, pi, 20)]
@@ -78,8 +78,8 @@ def test_many_flights_are_planned_as_one_and_those_within_the_limit_keep_their_c
 
 
 def flown(limit_known, sense=1.0, seconds=240.0, dt=0.05):
-    """RMS off the circle over the last two laps, m, of a vehicle that turns no faster than LIMIT, and its angular
-    momentum at the end."""
+    """Return the RMS off the circle over the last two laps (m), and the final angular momentum. The vehicle turns no
+    faster than LIMIT."""
     lag, p, psi, rate, d = 0.4, (R_D + 40.0, 0.0), 1.5 * sense, 0.0, (3.0, -4.0)
     under_way, response, errors = PendingTurn(), Response(0.0, lag, 1 / lag), []
     for i in range(round(seconds / dt)):
@@ -106,7 +106,7 @@ def test_a_vehicle_at_its_limit_flies_the_planned_lap_truer_than_the_circle(sens
 
 
 def after(*banks, commanded=0.4, step=0.05, limit=UNKNOWN):
-    """What is known of a limit after banks (as turn rates) of a vehicle whose nose turns .7 of them."""
+    """Turn-rate limit learned from banks (as turn rates) of a vehicle whose nose turns at 0.7 of them."""
     heading = 3.0
     for i, (before, now) in enumerate(pairwise(banks)):
         heading = wrap(heading + 0.7 * now * step)

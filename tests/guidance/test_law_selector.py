@@ -1,4 +1,4 @@
-"""Who steers in `auto`, when, and that nothing jumps as it changes."""
+"""The steering law of `auto`: its selection, its timing, and changes without a jump."""
 
 from math import exp, pi, sin
 
@@ -14,7 +14,7 @@ def go_on(
     before: Handover, seconds: float, *, trusted=False, most_likely=-1, by_range=BY_RANGE, drift_turn=BY_BANK,
     leaves=0.0,
 ):  # fmt: skip
-    """The handovers of the steps of some seconds."""
+    """Return the handover of every step during some seconds."""
     found = []
     for _ in range(round(seconds / STEP)):
         before = next_handover(
@@ -44,7 +44,8 @@ def test_who_leaves_the_target_behind_turns_at_the_limit_the_way_that_is_asked_f
 
 
 def test_who_goes_on_leaving_the_target_behind_keeps_its_side_whatever_guesses_and_weave_ask_for():
-    """Ranges of long-range radios kept the guesses changing: turns to either side flew straight away, 1.3 km."""
+    """Ranges of long-range radios kept the most likely hypothesis changing. Turns to alternating sides flew straight
+    away, 1.3 km."""
     step, told = Handover(), []
     for n in range(20):
         step = go_on(step, 1.0, most_likely=n, drift_turn=-0.2 if n % 2 else 0.2, leaves=1.0)[-1]
@@ -55,7 +56,7 @@ def test_who_goes_on_leaving_the_target_behind_keeps_its_side_whatever_guesses_a
 
 
 def test_a_trial_that_tells_nothing_apart_weaves_to_either_side_every_six_seconds():
-    """Seven tenths of the limit about what the guess asks for, from the sixth second on: by hand."""
+    """Excitation of 0.7 of the limit around the command of the most likely hypothesis, from the sixth second on."""
     for n, step in enumerate(go_on(Handover(), 24.0, most_likely=3), 1):
         weave = 0.7 * LIMIT * sin(2 * pi * n * STEP / 6.0) if n * STEP > 6.0 + 1e-9 else 0.0
         if n * STEP >= 3.0:

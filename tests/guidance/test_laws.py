@@ -1,4 +1,4 @@
-"""The laws on range and range rate: equations, what they hold and never ask for, and their default gains."""
+"""The laws on range and range rate: equations, steady states, bounds of their commands, and default gains."""
 
 from math import asin, cos, isfinite, pi, sqrt
 
@@ -99,25 +99,26 @@ def test_far_out_an_approach_that_every_law_accepts_is_slower_than_the_vehicle(l
 
 @pytest.mark.parametrize(("r", "asked"), [(120.0, sqrt(3) / 2), (100.0, 0.8), (60.0, 0.0), (30.0, -sqrt(3) / 2)])
 def test_bounded_asks_for_an_approach_outside_and_for_as_quick_a_way_out_inside(r, asked):
-    """r_s = 60 at r_d = 100 and k = 1/80: by hand at twice r_s, on the circle, on r_s, and at half of it."""
+    """r_s = 60 at r_d = 100 and k = 1/80. By hand at twice r_s, on the circle, on r_s, and at half of it."""
     assert laws.bounded(r, 3.0, V=V, r_d=R_D, k=-1 / 80) == pytest.approx((3.0 + V * asked) / 80)
 
 
 @pytest.mark.parametrize("fed", [60.0, 72.0, 80.0])
 def test_bounded_fed_less_than_its_gain_can_fly_holds_the_smallest_circle_that_it_can(fed):
-    """Its turn there is V k at r' = 0, the circle of radius 1/k."""
+    """At r' = 0 it turns at V k, on the circle of radius 1/k."""
     assert laws.bounded(80.0, 0.0, V=V, r_d=fed, k=-1 / 80) == pytest.approx(V / 80)
 
 
 def test_relay_changes_over_within_its_boundary_layer_and_not_at_once():
-    """The loop bears 6/r_d = .06 rad/m, so that the layer is .2/.06 m/s to either side."""
+    """The loop allows 6/r_d = 0.06 rad/m, so the layer is 0.2/0.06 m/s to either side."""
     turns = [laws.relay(R_D, r_dot, V=V, r_d=R_D, k=-0.2) for r_dot in (-5.0, -5 / 3, 0.0, 5 / 3, 5.0)]
     assert turns == pytest.approx([0.15 - 0.2, 0.15 - 0.1, 0.15, 0.15 + 0.1, 0.15 + 0.2])
 
 
 @pytest.mark.parametrize(("r", "turn"), [(102.0, 0.193), (250.0, 0.34), (98.0, 0.187), (1.0, 0.0415)])
 def test_pd_is_its_equation_with_the_error_cut(r, turn):
-    """V/r_d = 0.15, k r' = 0.04, and .0015 of the error, 100 m of it at most: k^2 V/4, and what half of V asks for."""
+    """V/r_d = 0.15 and k r' = 0.04. The error counts with k^2 V/4 = 0.0015, up to 100 m, which demand a radial speed
+    of V/2."""
     assert laws.pd(r, 2.0, V=V, r_d=R_D, k=-0.02) == pytest.approx(turn)
 
 
@@ -130,13 +131,13 @@ def test_pd_is_its_equation_with_the_error_cut(r, turn):
     ],
 )
 def test_feedforward_is_the_turn_of_the_present_circle_and_the_closing_speed_missing(r, r_dot, turn):
-    """V, r' and what is across: 15, 9, 12. gamma = .02 * 15/6 = .05, v* = 8.25; tanh of 1, of 50/165 and of 90/165;
-    nearer than 43 m the circle is no smaller."""
+    """V, r' and the tangential speed are 15, 9 and 12 m/s. gamma = 0.02 * 15/6 = 0.05, v* = 8.25; tanh of 1, 50/165 and
+    90/165. Nearer than 43 m the circle gets no smaller."""
     assert laws.feedforward(r, r_dot, V=V, r_d=R_D, k=-0.02) == pytest.approx(turn, rel=1e-5)
 
 
 def test_pi_is_its_equation_and_its_integral_stays_within_its_bounds():
-    """c = 7.5, delta = 50, k_i = .02 * .15 = .003; the integral comes to rest at 50 and is held below 100."""
+    """c = 7.5, delta = 50, k_i = 0.02 * 0.15 = 0.003. The integral settles at 50 and is held below 100."""
     values = {"V": V, "r_d": R_D, "k": -0.02}
     s = -4.0 + 7.5 * 0.7615942
     turn, memory = laws.pi(150.0, -4.0, 20.0, 0.1, **values)
@@ -162,7 +163,7 @@ def test_every_default_gain_meets_its_own_condition_and_is_none_higher_in_a_late
     ],
 )
 def test_default_gains_are_the_papers_and_in_a_late_loop_those_at_which_vehicles_do_not_swing(law, V, r_d, lag, gain):
-    """k V lag = 0.5, above which autopilots were seen in a limit cycle."""
+    """k V lag = 0.5. Above it, autopilots were seen in a limit cycle."""
     assert default_gain(law, V, r_d, lag) == pytest.approx(gain)
 
 

@@ -1,4 +1,4 @@
-"""The lean beyond which a copter does not go, found from its lean, heading and commanded speed alone."""
+"""The maximum lean of a copter, found from its lean, heading and commanded speed alone."""
 
 from cmath import phase, rect
 from math import atan, degrees, pi, radians, tan
@@ -13,7 +13,8 @@ V, DRAG, TURN = 5.0, 0.35, 5.0 / 30
 
 
 def after(laps, wind, limit_deg=90.0, *, gust=0.0, trim=0.0):
-    """The state after laps at V. wind: m/s. gust: rms of the push, m/s^2. trim: lean fixed to the nose, m/s^2."""
+    """Return the state after laps at V. wind: m/s. gust: RMS of the push, m/s^2. trim: lean fixed to the nose, in
+    m/s^2."""
     rng, limit, lean, gusts = np.random.default_rng(2), GRAVITY * tan(radians(limit_deg)), LeanLimit(), 0j
     for i in range(round(laps * 2 * pi / TURN / 0.05)):
         heading = TURN * 0.05 * i
@@ -28,7 +29,8 @@ def after(laps, wind, limit_deg=90.0, *, gust=0.0, trim=0.0):
 
 @pytest.mark.parametrize("wind", [6.5, 7.5])
 def test_a_limit_is_found_and_the_speed_lowered_until_it_is_held(wind):
-    """20 deg are 3.57 m/s^2, with a drag of 0.35/s 10.2 m/s of airspeed less what turns the path."""
+    """20 deg are 3.57 m/s^2. With a drag of 0.35/s, that allows 10.2 m/s of airspeed less the part that turns the
+    path."""
     lean = after(5, wind, limit_deg=20.0)
     assert degrees(atan(lean.found / GRAVITY)) == pytest.approx(20.0, abs=0.5)
     asked = abs(DRAG * (V * lean.share + wind) + 1j * V * lean.share * TURN)

@@ -1,14 +1,14 @@
-"""The stability margins of the heading and radius loop over the plants that real vehicles are.
+"""Stability margins of the heading and radius loop for plants like those of real vehicles.
 
-The loop is linear round the circle, so the margins are computed, not flown. Independent of the law's code but for the
-gains: theta is the heading inward of the tangent, e the radius error, c the turn command, P the vehicle.
+The loop is linear around the circle, so the margins are computed, not flown. Only the gains come from the law's code.
+theta is the heading inward of the tangent, e the radius error, c the turn command, P the vehicle.
 
     theta' = P c,   e' = -V theta,   pending' = (1 - M) c,   M = e^(-s dead)/(lag s + 1)
     c = -(heading + radial V) (theta + pending) - heading radial V T (theta + pending/2) + heading radial e
     T = dead + lag
 
-Family: Airframes and links as flown on ArduPilot 4.6.3 and PX4: dead time .05 .. .6 s, answers of first order
-(.1 .. 1.2 s) or of second order (3 .. 8 rad/s, damping .3 .. .8), and .05 s of link.
+The plants cover airframes and links as flown on ArduPilot 4.6.3 and PX4. The dead time is 0.05 to 0.6 s. The response
+is of first order (0.1 to 1.2 s) or of second order (3 to 8 rad/s, damping 0.3 to 0.8). The link adds 0.05 s.
 """
 
 from itertools import product
@@ -39,7 +39,7 @@ def answer(kind, a, damping):
 
 
 def loop(P, dead, lag, settles):
-    """The loop opened at the vehicle, with the gains for the dead time, lag and settling rate that are believed."""
+    """The loop opened at the vehicle, with the gains for the assumed dead time, lag and settling rate."""
     T = dead + lag
     gains = drift_gains(V, T, settles)
     heading, across = float(gains.heading), float(gains.radial) * V
@@ -58,7 +58,7 @@ def margins(L):
 
 
 def assert_margins(plant, dead, lag, settles):
-    """Of a loop that goes by such an answer."""
+    """Check the margins of a loop that is tuned for the assumed vehicle."""
     gain, phase = margins(loop(answer(*plant[1:])[0] * np.exp(-S * (plant[0] + LINK)), dead, lag, settles))
     assert gain >= 6.0
     assert phase >= 45.0
@@ -72,7 +72,7 @@ def test_margins_hold_for_every_vehicle_whose_delay_is_known_to_a_fifth(plant, k
 
 
 def flown(dead, kind, a, damping, seconds=25.0, dt=0.01, gain=0.75):
-    """Turned angles of a vehicle under the turns of an approach, then on the circle: times, commands, angles."""
+    """Fly the turns of an approach, then the circle. Return times, commands and turned angles."""
     time = np.arange(0.0, seconds, dt)
     command = np.where(time < 14.0, 0.3 * np.sign(np.sin(0.7 * time)), 0.15)
     late = gain * command[np.maximum(np.arange(time.size) - round(dead / dt), 0)]
@@ -89,7 +89,7 @@ def flown(dead, kind, a, damping, seconds=25.0, dt=0.01, gain=0.75):
 
 
 def learnt(plant, expected=0.5):
-    """What is learnt of a plant that was expected to take half a second, from headings at 25 Hz."""
+    """Return the response learned from headings at 25 Hz of a plant that was expected to take 0.5 s."""
     time, command, angles = flown(*plant)
     rng, learner = np.random.default_rng(3), ResponseLearner(expected)
     for i in range(0, time.size, 4):
@@ -122,7 +122,7 @@ def test_a_vehicle_that_only_circles_teaches_nothing_of_its_delay():
 
 @pytest.mark.parametrize("delay", [0.3, 0.5, 1.0])
 def test_the_margin_that_check_computes_is_that_of_this_loop_on_a_large_circle(delay):
-    """By the law's own code, linearized numerically; here by its equations."""
+    """`check` linearizes the law's own code numerically. This test uses the equations."""
     worst = 0.0
     for known, share, damping in product((0.8, 1.0, 1.2), (0.3, 0.7), (None, 0.3, 0.6)):
         dead, lag = share * delay, (1 - share) * delay

@@ -1,4 +1,4 @@
-"""The bank of filters stays a bank of numbers, whatever its ranges claim to be worth."""
+"""The multiple-model filter keeps finite numbers, even if its ranges claim an impossible accuracy."""
 
 from copy import deepcopy
 from math import hypot
@@ -17,17 +17,18 @@ from tests.guidance.relative import hypothesis, noise
 V, TURN, STEP = 15.0, 0.15, 0.05
 WIND, TARGET = (3.0, -2.0), (150.0, 80.0)
 ROUNDING = 1e-9
-"""Of an eigenvalue of a matrix whose diagonal is 1."""
+"""Rounding error of an eigenvalue of a matrix whose diagonal is 1."""
 
 
 class Flown:
-    """A bank and the vehicle that it listens to, which turns steadily in the wind."""
+    """A multiple-model filter and the vehicle that it observes, which turns steadily in the wind."""
 
     def __init__(self, flights=1):
         self.bank, self.t, self.p = MultipleModelFilter(EstimatorSettings(V, 0.35), flights), 0.0, np.array(TARGET)
 
     def hear(self, dt, sigma, r=None, error=0.0, valid=True):
-        """Fly on for dt, s, and hear a range of standard deviation sigma, m: r, or the true one and its error, m."""
+        """Fly on for dt (s) and observe a range of standard deviation sigma (m): r, or the true range plus its error
+        (m)."""
         path = chord(V, TURN * self.t, TURN * dt, dt)
         self.t, self.p = self.t + dt, self.p + path + dt * np.array(WIND)
         z = hypot(*self.p) + error if r is None else r
@@ -35,7 +36,7 @@ class Flown:
         self.bank.step(dt * all_, path[:, None] * all_, z * all_, sigma * all_, valid * all_ > 0)
 
     def listen(self, seconds):
-        """Ordinary ranges for a time."""
+        """Observe ordinary ranges for some time."""
         rng = np.random.default_rng(0)
         for _ in range(round(seconds / STEP)):
             self.hear(STEP, 0.5, error=rng.normal(0, 0.5))
@@ -43,7 +44,7 @@ class Flown:
 
     @property
     def off(self):
-        """How far from its true place the vehicle is believed to be, m."""
+        """Error of the estimated position, m."""
         r, theta = self.bank.mean[:2, 0]
         return hypot(*(r * np.array([np.cos(theta), np.sin(theta)]) - self.p))
 
@@ -81,13 +82,13 @@ def test_no_sequence_of_ranges_leaves_numbers_that_are_none_or_covariances_that_
         P = np.moveaxis(bank._tracks.P[..., 0], -1, 0) if bank._tracks.P.size else np.eye(STATES)[None]
         assert np.array_equal(P, P.swapaxes(1, 2))
         deviation = np.sqrt(np.einsum("nii->ni", P))
-        deviation[deviation == 0] = 1.0  # noise of the nose, in models that feel no acceleration
+        deviation[deviation == 0] = 1.0  # noise of the nose, in models that use no acceleration
         assert np.linalg.eigvalsh(P / deviation[:, :, None] / deviation[:, None, :]).min() > -ROUNDING
 
 
 @pytest.mark.parametrize("sigma", [4294967.294, 1e-4, 0.0])
 def test_after_ranges_that_claim_what_none_can_the_target_is_known_again(tracking, sigma):
-    """4294967.294 m: the largest range_accuracy that RANGING_BEACON can tell. Searched anew or not."""
+    """4294967.294 m is the largest range_accuracy that RANGING_BEACON can encode. The search may restart or not."""
     flown = deepcopy(tracking)
     for _ in range(200):
         flown.hear(STEP, sigma)
@@ -98,7 +99,7 @@ def test_after_ranges_that_claim_what_none_can_the_target_is_known_again(trackin
 
 @pytest.mark.parametrize("part", ["x", "P"])
 def test_a_track_that_is_no_number_any_more_is_searched_anew_and_takes_no_other_flight_with_it(part):
-    """Two flights in one bank hear the same; the track of the first breaks."""
+    """Two flights in one filter receive the same ranges. The track of the first becomes nan."""
     broken, whole = Flown(flights=2).listen(25.0), Flown(flights=2).listen(25.0)
     assert (broken.bank.stage == Stage.TRACKING).all()
     getattr(broken.bank._tracks, part)[KAPPA, ..., 0] = np.nan
@@ -115,7 +116,7 @@ def test_a_track_that_is_no_number_any_more_is_searched_anew_and_takes_no_other_
 
 
 def test_a_variance_that_rounding_has_made_negative_is_none():
-    """A range much better than the rest of what is known: what is left of the variance may be below zero by a bit."""
+    """The range is much more accurate than the state: rounding can make the remaining variance slightly negative."""
     x, P = np.zeros(STATES), 1e-3 * np.eye(STATES)
     x[R], x[KAPPA], P[R, R], P[5, 5] = 100.0, 1.0, -2e-9, 1e-9
     one = np.array([100.0]), np.array([1e-6]), np.array([True])
@@ -126,7 +127,8 @@ def test_a_variance_that_rounding_has_made_negative_is_none():
 
 
 def test_what_steers_steers_on_until_it_is_much_worse_and_again_only_when_it_is_good(tracking):
-    """Or law changes would follow the rounding: PX4's copter round a moving target changed 29 times in a flight."""
+    """Otherwise law changes follow rounding errors. PX4's copter around a moving target changed 29 times in a
+    flight."""
     flown = deepcopy(tracking)
     bank, worst = flown.bank, 0.0
     while worst < 0.55:

@@ -1,4 +1,4 @@
-"""The window of averaged ranges: its bins and what it measures of the noise by hand."""
+"""The window of averaged ranges: its bins, and its estimate of the noise, against values by hand."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,8 @@ def listened(steps, ranges, valid, path=(0.0, 0.0)):
 
 
 def test_the_white_part_of_the_noise_is_measured_of_each_flight_though_the_range_drifts_and_moves():
-    """0.1 m white beside an error that comes and goes in seconds; the second flight hears every other time."""
+    """White noise of 0.1 m beside an error with a time constant of seconds. The second flight receives every other
+    range."""
     chance, t = np.random.default_rng(4), 0.05 * np.arange(400)
     slow = 0.4 * np.sin(t)[:, None]
     ranges = 100 + 10 * t[:, None] + slow + chance.normal(0, [0.1, 0.2], (400, 2))
@@ -38,19 +39,19 @@ def test_what_the_sensor_says_stands_for_the_white_part_until_it_is_measured_and
 
 
 def test_a_bin_is_the_mean_of_a_quarter_of_a_second_without_what_is_far_off_and_an_empty_one_says_nothing():
-    """Five ranges to a bin: of the second flight one is 50 m off, the one in the middle is lost, and later all are."""
+    """Five ranges per bin. In the second flight one is 50 m off, the middle one is lost, and later all are."""
     ranges = np.array([[100.0, 200.0], [101.0, 250.0], [102.0, 202.0], [103.0, 203.0], [104.0, 204.0]] * 3)
     valid = np.ones((15, 2), bool)
     valid[[2, 7, *range(9, 15)], 1] = False
     window = listened(np.full(15, WIDTH / 5), ranges, valid, path=(0.5, -0.25))
     bins = window.bins(np.arange(2), np.full(2, SIGMA))
-    # a step closes the bin before it takes in its own range: four of the first five, and all of the next
+    # a step closes the bin before it adds its own range: four of the first five, and all of the next
     assert bins.z[0] == pytest.approx([101.5, 102.0, 102.0])
     assert bins.z[1, :2] == pytest.approx([(200 + 203) / 2, (204 + 200 + 203) / 3])
     assert bins.age[0] == pytest.approx([12.5 * 0.05, 8 * 0.05, 3 * 0.05])
     assert bins.path[0, 0] == pytest.approx([12.5 * 0.5, 8 * 0.5, 3 * 0.5])
     assert bins.path[1, 0] == pytest.approx([12.5 * -0.25, 8 * -0.25, 3 * -0.25])
-    # of the mean, and what the drift may do meanwhile, .01 m^2/s^3 of it: .01 age^3/3
+    # of the mean, and the drift meanwhile, 0.01 m^2/s^3: 0.01 age^3/3
     variance = [SIGMA**2 / 4 + 0.625**3 / 300, SIGMA**2 / 5 + 0.4**3 / 300, SIGMA**2 / 5 + 0.15**3 / 300]
     assert bins.variance[0] == pytest.approx(variance)
     assert np.isinf(bins.variance[1]).tolist() == [False, False, True]

@@ -1,4 +1,4 @@
-"""Whether ranges scatter more than their sensor says."""
+"""Detection of ranges that scatter more than their sensor reports."""
 
 from math import hypot, sin
 
@@ -12,7 +12,7 @@ V, LIMIT = 15.0, 0.35
 
 
 def ranges(told: float, sigma: float, *, hz: float = 10.0, seconds: float = 20.0, seed: int = 1, lost: float = 0.0):
-    """Ranges of a vehicle that weaves as hard as it can past a target 40 m off, with white noise."""
+    """Ranges, with white noise, of a vehicle that turns as hard as it can to either side past a target 40 m off."""
     chance = np.random.default_rng(seed)
     psi, x, y = 0.0, -120.0, 40.0
     for n in range(round(seconds * hz)):
@@ -50,7 +50,7 @@ def test_a_sensor_that_says_too_little_is_found_out_within_seconds_and_what_was_
 def circling(
     told: float, sigma: float, *, drifting: float = 0.0, step: float = 0.0, seconds: float = 60.0, seed: int = 1
 ):
-    """Ranges on a circle that wind blows in and out by half a metre. drifting: slow error, 2 s. step: resolution."""
+    """Ranges on a circle that wind pushes in and out by 0.5 m. drifting: slow error, 2 s. step: resolution."""
     chance, slow = np.random.default_rng(seed), 0.0
     for n in range(round(seconds * 10)):
         slow = 0.951 * slow + drifting * 0.309 * chance.normal()
@@ -60,7 +60,7 @@ def circling(
 
 @pytest.mark.parametrize(("sigma", "drifting", "least", "most"), [(0.1, 0, 0.15, 0.27), (0.02, 0.15, 0.08, 0.25)])
 def test_a_sigma_told_too_large_is_lowered_with_a_margin(sigma, drifting, least, most):
-    """UWB told .5 m is really .1, white or slow."""
+    """UWB reported as 0.5 m is really 0.1 m, white or slow."""
     for seed in range(3):
         sigmas = believed(circling(0.5, sigma, drifting=drifting, seed=seed))
         assert sigmas[:200] == [0.5] * 200
@@ -88,7 +88,8 @@ def test_a_lowered_sigma_rises_again_with_the_noise():
 
 
 def repeated(samples, *, moving=True, since=None) -> list[float]:
-    """For how long the sensor counts as frozen, range by range; since: the number of that time comes for ever."""
+    """Return the time for which the sensor counts as frozen, at each range. From the stamp `since` on, the range is
+    constant."""
     check, told, held = NoiseCheck.of_ranges(V, LIMIT), [], None
     for sample in samples:
         held = sample.r if held is None or since is None or sample.stamp <= since else held
@@ -112,7 +113,7 @@ def test_a_radio_that_never_says_anything_else_is_frozen_but_only_to_a_vehicle_t
 
 @pytest.mark.parametrize(("sigma", "step"), [(0.02, 1.0), (0.1, 2.0), (0.0, 0.01)])
 def test_a_coarse_radio_on_a_perfect_circle_is_not_frozen(sigma, step):
-    """It approaches first, so its resolution shows; then its number stays the same by rights."""
+    """It approaches first, so the resolution becomes visible. Then the range is constant although the radio works."""
     way = [RangeSample(s.stamp, s.stamp, round(s.r / step) * step, 0.5) for s in ranges(0.5, sigma, seconds=15.0)]
     circle = [RangeSample(15.0 + n / 10, 0.0, 100.0, 0.5) for n in range(600)]
     settles = [RangeSample(15.0 + n / 10, 0.0, round((100 + 40 * 0.9**n) / step) * step, 0.5) for n in range(80)]

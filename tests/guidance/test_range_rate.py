@@ -1,4 +1,4 @@
-"""The range-rate filter of the flight: its model and gate against a filter that is written out in matrices."""
+"""The range-rate filter of the flight: its model and gate against a filter in matrix form."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from circnav_mav.guidance.types import RangeSample, RateSample
 V, TURN = 15.0, 0.35
 SETTINGS = EstimatorSettings(speed=V, max_turn_rate=TURN)
 EPOCH = 1_700_000_000.0
-"""The sensor's clock, far from the local one: only its differences may count."""
+"""Offset of the sensor's clock from the local one. Only differences of stamps may matter."""
 
 
 def sample(t, r, sigma=0.5, epoch=EPOCH, **rate):
@@ -19,7 +19,7 @@ def sample(t, r, sigma=0.5, epoch=EPOCH, **rate):
 
 
 def settled(r=300.0, r_dot=-6.0, sigma=0.5, count=60, period=0.1):
-    """A filter that has seen a straight run of ideal ranges; and the time of the last."""
+    """Return a filter after a straight run of ideal ranges, and the time of the last one."""
     kalman = KalmanRangeRate(SETTINGS)
     for i in range(count):
         assert kalman.observe(sample(i * period, r + r_dot * i * period, sigma)) is Fused.ACCEPTED
@@ -27,13 +27,13 @@ def settled(r=300.0, r_dot=-6.0, sigma=0.5, count=60, period=0.1):
 
 
 def hear(kalman, last, values):
-    """What becomes of ranges that come every tenth of a second."""
+    """Return the result for each of some ranges, one every 0.1 s."""
     return [kalman.observe(sample(last + 0.1 * i, r)) for i, r in enumerate(values, 1)]
 
 
 class MatrixKalman:
-    """filterpy's general filter: predict with F, Q; update with H, R. The acceleration's deviation is a third of V^2/r
-    + V w."""
+    """filterpy's general filter: predict with F, Q and update with H, R. The deviation of the acceleration is one third
+    of V^2/r + V w."""
 
     def __init__(self, first, sigma):
         self.filter = KalmanFilter(dim_x=2, dim_z=1)
@@ -46,7 +46,7 @@ class MatrixKalman:
         return float(self.filter.y[0] ** 2 / self.filter.S[0, 0])
 
     def expects(self, estimate):
-        """Whether an estimate is this one."""
+        """Matcher for an estimate."""
         assert (estimate.r, estimate.r_dot) == pytest.approx(tuple(self.filter.x), rel=1e-9, abs=1e-9)
         assert (estimate.r_sigma, estimate.r_dot_sigma) == pytest.approx(
             tuple(np.sqrt(np.diag(self.filter.P))), rel=1e-9
@@ -54,7 +54,7 @@ class MatrixKalman:
 
 
 def flight(seed, count):
-    """A vehicle that flies past and then round a target: true (t, r) with uneven steps of a tenth of a second."""
+    """A vehicle that flies past and then around a target: true (t, r) with uneven steps of about 0.1 s."""
     rng = np.random.default_rng(seed)
     t = np.round(np.cumsum(rng.uniform(0.05, 0.15, count)) * 1024) / 1024  # exact on a clock of any epoch
     return rng, t, np.hypot(-400 + V * t, 120 + 10 * np.sin(t / 5))
@@ -64,7 +64,7 @@ def flight(seed, count):
 def test_the_filter_is_filterpys_general_one_over_uneven_steps_and_noises(rates):
     rng, t, r = flight(1, 400)
     kalman, now = KalmanRangeRate(SETTINGS), t[0]
-    kalman.observe_rate(RateSample(EPOCH, 0.0, 5.0, 0.1))  # before any range it is nothing
+    kalman.observe_rate(RateSample(EPOCH, 0.0, 5.0, 0.1))  # no estimate before any range
     assert kalman.at(0.0) is None
     z = r[0] + rng.normal()
     kalman.observe(sample(now, z, 1.0))
@@ -84,9 +84,9 @@ def test_the_filter_is_filterpys_general_one_over_uneven_steps_and_noises(rates)
         reference.expects(kalman.at(now))
     before = kalman.at(now).r_dot
     kalman.observe_rate(RateSample(EPOCH + now, now, before + 40.0, 0.3))  # an outlier
-    kalman.observe_rate(RateSample(EPOCH + now - 0.05, now - 0.05, before + 0.5, 0.3))  # of before the newest
+    kalman.observe_rate(RateSample(EPOCH + now - 0.05, now - 0.05, before + 0.5, 0.3))  # older than the newest
     assert kalman.at(now).r_dot == before
-    reference.step(0.4, 0.0, 1e9)  # a measurement worth nothing: a prediction of .4 s
+    reference.step(0.4, 0.0, 1e9)  # a measurement without information: a prediction of 0.4 s
     reference.expects(kalman.at(now + 0.4))
     assert kalman.at(now - 1.0).r == kalman.at(now).r
 
@@ -103,7 +103,7 @@ def test_arrival_jitter_costs_nothing_when_the_stamps_are_right():
 
 @pytest.mark.parametrize("sigmas", [4.99, 5.01, -5.01, -20.0])
 def test_the_gate_stands_at_its_number_of_standard_deviations_and_what_is_outside_moves_nothing(sigmas):
-    """Innovation variance = predicted range variance + measurement variance, at the moment of the sample."""
+    """Innovation variance = predicted range variance + measurement variance, at the time of the sample."""
     kalman, last = settled()
     ahead, outside = kalman.at(last + 0.1), abs(sigmas) > 5
     off = sigmas * (ahead.r_sigma**2 + 0.5**2) ** 0.5
@@ -115,8 +115,8 @@ def test_the_gate_stands_at_its_number_of_standard_deviations_and_what_is_outsid
 
 
 def test_scattered_outliers_never_restart_the_filter_and_time_passes():
-    """The state is carried through the refused samples: after four seconds at -6 m/s the range is 24 m less. A good
-    sample between two runs that agree forgets the first."""
+    """The state is predicted through the rejected samples: after 4 s at -6 m/s the range is 24 m less. A good sample
+    between two runs that agree discards the first."""
     kalman, last = settled()
     before = kalman.at(last).r
     assert hear(kalman, last, [900.0, 5.0] * 20) == [Fused.GATED] * 40
@@ -132,7 +132,7 @@ def test_scattered_outliers_never_restart_the_filter_and_time_passes():
 
 @pytest.mark.parametrize(("apart", "agree"), [(6.0, True), (7.0, False)])
 def test_samples_of_one_motion_are_no_farther_apart_than_twice_the_speed_and_the_noise_carry_it(apart, agree):
-    """2 V .1 s = 3 m, and five standard deviations of a difference of two, 3.5 m."""
+    """2 V 0.1 s = 3 m. Five standard deviations of a difference of two samples are 3.5 m."""
     kalman, last = settled()
     said = hear(kalman, last, [900.0 - apart * i for i in range(5)])
     assert said == [Fused.GATED] * 4 + [Fused.ACCEPTED if agree else Fused.GATED]
@@ -150,7 +150,7 @@ def test_a_real_jump_restarts_the_filter_after_five_samples_that_agree():
 
 @pytest.mark.parametrize(("sigma", "ready"), [(0.5, [False] * 4 + [True] * 2), (200.0, [False] * 10)])
 def test_the_estimate_may_steer_after_its_fifth_sample_if_that_tells_anything_of_the_rate(sigma, ready):
-    """Ten samples of 200 m noise within a second: the rate is no better known than before them."""
+    """Ten samples of 200 m noise within a second leave the rate as uncertain as before."""
     kalman = KalmanRangeRate(SETTINGS)
     for i, expected in enumerate(ready):
         kalman.observe(sample(0.1 * i, 300.0, sigma))
@@ -158,7 +158,7 @@ def test_the_estimate_may_steer_after_its_fifth_sample_if_that_tells_anything_of
 
 
 def test_no_prediction_goes_through_zero():
-    """Twenty seconds without ranges while the vehicle closes at 6 m/s from 10 m were a range of -110 m."""
+    """Without ranges for 20 s, a vehicle that closes at 6 m/s from 10 m would have a range of -110 m."""
     kalman, last = settled(r=46.0)
     assert [round(kalman.at(last + t).r) for t in (0.0, 1.0, 3.0, 20.0)] == [11, 5, 7, 109]
     assert kalman.at(last + 1.0).r_dot == pytest.approx(-6.0, abs=0.1)
@@ -175,7 +175,7 @@ def test_a_reset_forgets_everything():
 
 @pytest.mark.parametrize(("sigma", "period"), [(0.5, 0.1), (2.0, 0.2), (0.001, 0.05)])
 def test_the_steady_state_is_what_the_filter_settles_to_and_how_late_it_is_under_acceleration(sigma, period):
-    """r'' = 2 m/s^2 for long, far off: the estimated rate trails the true one by lag times 2 m/s."""
+    """With r'' = 2 m/s^2 for long and far off, the estimated rate trails the true one by lag times 2 m/s^2."""
     kalman, _ = settled(r_dot=0.0, sigma=sigma, count=200, period=period)
     steady = steady_state(SETTINGS, r=300.0, sigma=sigma, period=period)
     assert kalman.at(0.0).r_dot_sigma == pytest.approx(steady.r_dot_sigma, rel=1e-6)

@@ -1,4 +1,4 @@
-"""Whether a measured range rate goes with the ranges."""
+"""Consistency of a measured range rate with the ranges."""
 
 from math import cos, hypot, sin
 
@@ -28,7 +28,7 @@ def flight(seconds, seed=1, sigma=0.5, rate_sigma=0.1, outliers=0.0, drifting=0.
 
 
 def judged(said, **noise):
-    """When the rates were dropped and counted again; `said(t, true, measured)` is what the radio reports."""
+    """Return the times at which the rates were dropped or accepted again. `said(t, true, measured)`: reported rate."""
     check, changes, was = RateCheck(), [], True
     for t, z, true, measured in flight(**noise):
         check.add_rate(t, said(t, true, measured))

@@ -1,4 +1,4 @@
-"""The relative-motion filters against filterpy's, and what they predict of the one flight in the air."""
+"""The relative-motion filters against filterpy's, and their predictions for the single flight in the air."""
 
 from math import pi
 
@@ -40,7 +40,7 @@ STATE = np.array([180.0, 2.0, 1.0, -2.0, 1.02, 0.1, 0.3, -0.2, 0.1, -0.2, 0.3, 0
 
 
 def moved(x, path):
-    """The model, written down once more: Cartesian, one state at a time."""
+    """Independent model: Cartesian, one state at a time."""
     p = x[0] * np.array([np.cos(x[1]), np.sin(x[1])]) + x[4] * path + (x[2:4] + x[6:8] + x[10:] / 2) * DT
     bias, gust = x[5] * np.exp(-DT / BIAS_TIME), x[6:8] * np.exp(-DT / GUST_TIME)
     turned = np.arctan2(p[1], p[0])
@@ -50,7 +50,7 @@ def moved(x, path):
 
 
 def jacobian(x, path):
-    """By central differences."""
+    """Jacobian by central differences."""
     columns = []
     for i in range(STATES):
         h = 1e-6 * max(1.0, abs(x[i]))
@@ -163,8 +163,9 @@ def test_one_flight_is_predicted_as_the_bank_predicts_it(seed, dt, heading, airs
 def test_the_predicted_drift_has_the_felt_change_less_that_of_the_air_velocity_as_far_as_it_is_believed(
     acceleration_weight,
 ):
-    """v = kappa V u(psi) + drift, so the drift changes by what v does less kappa times what V u(psi) does. What comes
-    and goes is not assumed to go where it is felt. (f, l) = (.1, -.2) is the accelerometer's error, for .1 s due up."""
+    """v = kappa V u(psi) + drift, so the drift changes by the change of v minus kappa times the change of V u(psi).
+    Gusts are not assumed to follow the measured change. (f, l) = (0.1, -0.2) is the accelerometer's error, for 0.1 s
+    due up."""
     belief = Belief(tuple(STATE.tolist()), np.eye(STATES), PSD, GUST, acceleration_weight)
     felt = VelocityChange((0.35, 0.1), (-0.1, 0.2), (0.0, 0.1), 0.0)
     ours = predict_belief(belief, DT, (0.5, 1.4), heading=pi / 2, airspeed=15.0, felt=felt)
@@ -175,8 +176,8 @@ def test_the_predicted_drift_has_the_felt_change_less_that_of_the_air_velocity_a
 
 
 def test_a_measured_acceleration_is_bayes_rule_for_what_happened_in_the_step():
-    """The prediction conditioned on the measured change of velocity, with the noises of the step written out: states
-    before (12), steps of d and g, new e, their effect on the place, and the accelerometer's own noise."""
+    """Condition the prediction on the measured change of velocity, with explicit noises of the step. They are the
+    states before (12), steps of d and g, the new e, their effect on position, and the accelerometer's own noise."""
     nose, psi, turn = 0.4, 0.7, 2.2
     assumed = noise(PSD, GUST, WHITE, DRIFTING, nose, 1.0)
     x = STATE

@@ -1,4 +1,4 @@
-"""The bank in flight: own motion and ranges that come at their own times, get lost, lie or stop."""
+"""The multiple-model filter in flight: own motion and ranges that are asynchronous, lost, false or interrupted."""
 
 from dataclasses import replace
 from math import cos, hypot, sin
@@ -42,7 +42,7 @@ def test_a_range_in_five_that_is_20_m_off_and_an_airspeed_sensor_10_percent_off_
 
 @pytest.mark.parametrize("make", [DriftEstimator, AutoEstimator])
 def test_ranges_are_not_rejected_any_more_once_the_bank_searches_anew(make):
-    """Auto goes on with the range filter meanwhile, and nothing of it is left after a reset."""
+    """`auto` continues with the range filter meanwhile, and after a reset nothing of that filter is left."""
     world, estimator = listened(make)
     world.target = (-250.0, 300.0)
     said = []
@@ -76,7 +76,7 @@ def test_late_and_repeated_samples_are_refused():
 
 
 def test_an_outage_is_flown_on_dead_reckoning_and_trust_fades():
-    """Trusted up to a quarter of the range."""
+    """Trusted while sigma is below a quarter of the range."""
     world, estimator = listened()
     assert estimator.ready
     sure = estimator.at(29.95).relative.sigma
@@ -89,7 +89,8 @@ def test_an_outage_is_flown_on_dead_reckoning_and_trust_fades():
 
 
 def test_a_lost_bank_recovers_by_itself():
-    """Far off the circle it knows the place less well: the median of several flights, none worse than it says."""
+    """Far off the circle the position is less certain. The median of several flights is tested, and each error against
+    its sigma."""
     errors = []
     for seed in range(3):
         world, estimator = Circling(rng=np.random.default_rng(seed)), DriftEstimator(SETTINGS)
@@ -107,14 +108,15 @@ def test_a_lost_bank_recovers_by_itself():
 
 @pytest.mark.parametrize("trouble", [False, True])
 def test_after_a_gap_the_drift_is_known_from_before_it(trouble):
-    """Also when just before it the vehicle did not fly as it was thought to: it stood still, for it did not hear us."""
+    """Also if the vehicle stood still just before the gap, contrary to the assumed motion, because it did not receive
+    setpoints."""
     world, estimator = listened(seconds=45.0)
     if trouble:
         for t in np.arange(45.0, 52.0, 0.05):
             estimator.move(world.motion(t))
             estimator.observe(world.range(45.0)._replace(time=t, stamp=t))
         for t in np.arange(53.0, 80.0, 0.5):
-            estimator.observe(world.range(t))  # how it flies is not told any more
+            estimator.observe(world.range(t))  # own motion is not reported any more
     listen(estimator, world, 80.0, 80.3)
     relative = estimator.at(80.29).relative
     assert relative.drift_remembered and relative.trial is not None and not estimator.ready
@@ -157,7 +159,7 @@ def test_a_lost_track_takes_the_remembered_drift_with_it():
 
 
 def test_a_jump_of_the_sensors_clock_leaves_the_target_where_it_was():
-    """Stamps one hour on: `auto` goes on with the same bank, and `kalman` begins anew."""
+    """Stamps jump by one hour: `auto` keeps its filter, and `kalman` restarts."""
     world, estimator = listened(AutoEstimator)
     assert estimator.drift.ready
     estimator.restamp()
@@ -172,7 +174,7 @@ def test_a_jump_of_the_sensors_clock_leaves_the_target_where_it_was():
 
 
 def test_flights_that_hear_at_their_own_times_are_what_each_is_alone():
-    """One starts late, one loses half of its ranges; a search has bins and a track has filters of its own time."""
+    """One flight starts late, one loses half of its ranges. A search has its own bins, and a track its own filters."""
     worlds, rng = [Circling(rng=np.random.default_rng(n)) for n in range(3)], np.random.default_rng(1)
     together, alone = MultipleModelFilter(SETTINGS, 3), [MultipleModelFilter(SETTINGS) for _ in worlds]
     received = np.full(3, np.nan)
@@ -193,11 +195,11 @@ def test_flights_that_hear_at_their_own_times_are_what_each_is_alone():
             assert together.spread[n] == pytest.approx(bank.spread[0], rel=1e-3)
         stages.append(tuple(together.stage))
     assert stages[-1] == (Stage.TRACKING,) * 3
-    assert len(set(stages)) > 3  # each found its target at its own time
+    assert len(set(stages)) > 3  # each acquired its target at its own time
 
 
 def test_a_bank_without_own_motion_vouches_for_no_range_and_is_ready_again_with_it():
-    """It takes nothing in then: the range filter is the judge."""
+    """Without own motion it uses no ranges, and the range filter judges them."""
     world, estimator = listened(AutoEstimator)
     for t in np.arange(30.0, 31.0, 0.05):
         estimator.observe(world.range(t))
@@ -211,8 +213,9 @@ def test_a_bank_without_own_motion_vouches_for_no_range_and_is_ready_again_with_
 
 
 def test_a_wrong_airspeed_that_passes_for_a_gust_is_found_out():
-    """On a calm circle an airspeed told 2.5 % wrong and a gust that turns with the nose are the same to a model that
-    goes by accelerations. The others must not be started from its mistake for ever (flown: .3 m where .15 are due)."""
+    """On a calm circle, a reported airspeed 2.5 % wrong and a gust that turns with the nose look the same to a model
+    with accelerations. Its wrong state must not initialize the other models forever (flown: 0.3 m instead of 0.15 m).
+    """
     scale, told = 1.065, V / 1.065
     world, estimator = still(), DriftEstimator(replace(SETTINGS, speed=told))
 
@@ -227,7 +230,7 @@ def test_a_wrong_airspeed_that_passes_for_a_gust_is_found_out():
     assert estimator.ready
     tracks, noise, nose = estimator.bank._tracks, estimator.bank.noise, OMEGA * 40.0
     acceleration_weight = noise.acceleration_weight[:, 0] > 0
-    wrong = acceleration_weight | (noise.drift_psd[:, 0] < 1e-3)  # and those that were started from them
+    wrong = acceleration_weight | (noise.drift_psd[:, 0] < 1e-3)  # and models that were initialized from them
     tracks.x[KAPPA, wrong] = scale - 0.025
     tracks.x[GX, wrong], tracks.x[GY, wrong] = 0.025 * told * cos(nose), 0.025 * told * sin(nose)
     tracks.P[KAPPA, :, wrong], tracks.P[:, KAPPA, wrong] = 0.0, 0.0

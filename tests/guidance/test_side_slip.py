@@ -1,4 +1,4 @@
-"""Side-slip: where a plane flies while its nose points elsewhere."""
+"""Side-slip: the angle between a plane's nose and its motion through the air."""
 
 from math import degrees, radians, remainder, tan, tau
 
@@ -12,7 +12,8 @@ from tests.flight.lockstep import flight
 def flown(
     turn_rate: float, *, bank: float | None, pitch: float = 0.0, bank_turn: float = 0.0, seconds: float = 120.0
 ) -> float:
-    """Degrees from the nose to the way through the air after so long in a turn, counter-clockwise."""
+    """Return the angle (deg) from the nose to the motion through the air after some seconds of a turn,
+    counter-clockwise."""
     own = OwnMotion(0.0, 1.0, 0.0, 23.4, pitch=pitch, bank_turn=None if bank is None else 0.0)
     slip, moved = SideSlip().follow(own)
     for step in range(1, round(20 * seconds) + 1):
@@ -27,7 +28,7 @@ def flown(
     ("turn", "bank", "pitch", "angle"), [(3.0, 9.5, -3.8, 0.95), (8.96, 26.7, -2.8, 2.32), (16.0, 41.9, -1.6, 3.1)]
 )
 def test_it_is_known_how_far_inside_of_its_nose_arduplane_flies(turn, bank, pitch, angle, sense):
-    """True tracks of ArduPlane 4.6.3 at 23.4 m/s, calm and round the lap in wind 8; deg/s and degrees."""
+    """True tracks of ArduPlane 4.6.3 at 23.4 m/s, calm and around the lap in wind of 8 m/s. Units: deg/s and deg."""
     bank_turn = 9.80665 * tan(radians(bank)) / 23.4
     known = flown(sense * radians(turn), bank=sense * radians(bank), pitch=radians(pitch), bank_turn=sense * bank_turn)
     assert known == pytest.approx(sense * angle, abs=0.1)

@@ -1,4 +1,4 @@
-"""From an estimate to a limited turn: direction, correction, saturation, and the circle's own turn without ranges."""
+"""From an estimate to a limited turn: direction, correction, saturation, and the circle's turn rate without ranges."""
 
 from math import inf, nan, pi
 
@@ -28,7 +28,7 @@ def estimate(r, r_dot=0.0, time=0.0, relative=None):
 @pytest.mark.parametrize(
     ("choice", "r", "demanded"),
     [
-        (LawChoice("smooth", 0.01), 10.0, -0.1),  # example 2: fed 8.66025404, it settles on 10
+        (LawChoice("smooth", 0.01), 10.0, -0.1),  # example 2: given 8.66025404, it settles on 10
         (LawChoice("smooth", 0.01), 8.6602, 0.0),
         (LawChoice("smooth", 0.01, correct_radius=False), 9.99, 0.0),
         (LawChoice("smooth", 0.01, correct_radius=False), 10.98684113, -1 / 10.98684113),  # example 1
@@ -36,7 +36,7 @@ def estimate(r, r_dot=0.0, time=0.0, relative=None):
     ],
 )
 def test_the_papers_laws_turn_at_v_over_r_on_the_radius_they_settle_on_in_the_missions_sense(choice, r, demanded):
-    """Counter-clockwise is positive in the paper's frame."""
+    """In the paper's frame, counter-clockwise is positive."""
     other = Orbit(PAPER.radius, Direction.COUNTERCLOCKWISE, PAPER.speed, PAPER.max_turn_rate)
     assert Steering(PAPER, choice)(estimate(r)).demanded == pytest.approx(demanded, rel=1e-8)
     assert Steering(other, choice)(estimate(r)).demanded == pytest.approx(-demanded, rel=1e-8)
@@ -57,7 +57,7 @@ def test_a_gain_without_a_correction_is_refused_at_once(gain):
 def test_the_limit_cuts_what_is_beyond_it_and_a_vehicle_that_turns_less_than_it_is_told_is_told_more(
     gain, demanded, first, bound
 ):
-    """Told w/gain, it turns at w; the limit is that of what it is told."""
+    """Commanded w/gain, the vehicle turns at w. The limit applies to the command."""
     wanted = limited(demanded, first)
     assert wanted.saturated == (abs(demanded) > first)
     assert wanted.turn_rate == (np.copysign(first, demanded) if wanted.saturated else demanded)
@@ -68,14 +68,14 @@ def test_the_limit_cuts_what_is_beyond_it_and_a_vehicle_that_turns_less_than_it_
 
 
 def test_the_vehicles_limit_is_applied_after_the_law():
-    """Law 1 is unsaturated: 200 m out, flying across, it asks for 40 times the limit."""
+    """Law 1 is unsaturated: 200 m out and flying across, it demands 40 times the limit."""
     command = Steering(Orbit(10.0, Direction.CLOCKWISE, 1.0, 0.1), LawChoice("smooth", 0.01))(estimate(200.0))
     assert (command.turn_rate, command.saturated) == (-0.1, True)
     assert command.demanded == pytest.approx(-4.0, rel=0.01)
 
 
 def test_a_command_just_below_the_limit_counts_as_cut_by_it():
-    """Handing over, the offset between two laws fades and is never quite nothing."""
+    """During a handover the offset between two laws fades and never quite vanishes."""
     steer = Steering(ORBIT, LawChoice("auto", 0.06))
     assert not any(steer(estimate(100.0, 0.0, 0.05 * i)).saturated for i in range(5))
     close = known(x=20.0, heading=pi)
@@ -87,8 +87,8 @@ def test_a_command_just_below_the_limit_counts_as_cut_by_it():
 
 @pytest.mark.parametrize("direction", Direction)
 def test_the_law_with_a_memory_integrates_over_the_time_between_estimates_and_no_gap(direction):
-    """The first has none before it, a gap counts half a second, and an estimate of before nothing. k < 0 flies
-    counter-clockwise."""
+    """The first estimate has no interval before it, a gap counts 0.5 s, and an estimate out of order counts 0. k < 0
+    flies counter-clockwise."""
     gain, memory = 0.06, 0.0
     steer = Steering(Orbit(R_D, direction, V, LIMIT), LawChoice("pi", gain))
     for time, dt, r, trim in (
@@ -121,9 +121,9 @@ def test_auto_says_who_flies_and_why_and_needs_no_heading_and_the_law_drift_trie
 @pytest.mark.parametrize(
     ("r", "r_dot", "remembered", "flies"),
     [
-        (105.0, 1.0, True, "feedforward"),  # the circle itself will tell
+        (105.0, 1.0, True, "feedforward"),  # the circle itself will show it
         (105.0, 1.0, False, "trial"),
-        (129.0, 5.9, True, "feedforward"),  # .3 of the radius, and .4 of V
+        (129.0, 5.9, True, "feedforward"),  # 0.3 of the radius, and 0.4 of V
         (71.0, -5.9, True, "feedforward"),
         (131.0, 0.0, True, "trial"),
         (69.0, 0.0, True, "trial"),
@@ -139,7 +139,7 @@ def test_no_guess_is_tried_on_the_circle_while_the_drift_is_known_from_before(r,
 
 
 def test_the_wait_for_a_search_on_the_circle_begins_when_the_path_is_known_again():
-    """A copter hovers during an outage of its uplink. Its own path is unknown, so nothing is searched meanwhile."""
+    """A copter hovers during an outage of its uplink. Its path is unknown, so no search runs meanwhile."""
     steer = Steering(ORBIT, LawChoice("auto", 0.06))
     for t in np.arange(0.0, 60.0, 0.5):
         steer(estimate(105.0, 0.0, t))
@@ -158,8 +158,8 @@ def test_the_law_flies_with_the_gains_for_the_answer_that_it_is_told():
 
 
 def test_a_drift_that_swings_once_a_second_moves_the_turn_less_than_half_as_far_as_its_crab_swings():
-    """1 m/s of drift across the nose is 1/V of crab, which swings by 2 pi f/V. A few unlucky ranges move the estimated
-    drift by 1 m/s for a moment, and it contains how the course lags the nose, too."""
+    """1 m/s of drift across the nose is a crab angle of 1/V, which changes at 2 pi f/V. A few bad ranges move the
+    estimated drift by 1 m/s for a moment. It also contains the lag of the course behind the nose."""
     orbit = Orbit(radius=150.0, direction=Direction.COUNTERCLOCKWISE, speed=22.0, max_turn_rate=0.44)
 
     def swing(frequency: float) -> float:
@@ -176,10 +176,14 @@ def test_a_drift_that_swings_once_a_second_moves_the_turn_less_than_half_as_far_
 
 @pytest.mark.parametrize("direction", Direction)
 def test_holding_in_drift_flies_the_circle_in_the_missions_sense_without_a_range(direction):
-    """One lap by heading alone in 6 m/s of wind; V/r_d would be carried off by 6 m/s for 40 s."""
+    """One lap by heading alone in 6 m/s of wind. At V/r_d the wind would carry the vehicle away at 6 m/s for 40 s."""
     s, dt, d = direction.turn_sign, 0.02, np.array([0.0, 6.0])
     orbit, p = Orbit(R_D, direction, V, LIMIT), np.array([R_D, 0.0])
-    psi, swept, farthest = s * pi / 2, 0.0, 0.0  # the wind blows along the tangent here, so the nose does too
+    psi, swept, farthest = (
+        s * pi / 2,
+        0.0,
+        0.0,
+    )  # the wind blows along the tangent, and the nose too
     for _ in range(round(60 / dt)):
         turned = holding(orbit, known(drift_y=6.0, heading=psi), AT_REST).turn_rate * dt
         before, p, psi = p, p + chord(V, psi, turned, dt) + d * dt, psi + turned

@@ -1,4 +1,4 @@
-"""What the paper proves, against the paper's own numbers, and the geometry of ranges."""
+"""Theorems of the paper against the paper's own numbers, and the geometry of ranges."""
 
 from math import hypot, pi, sin
 

@@ -1,4 +1,4 @@
-"""The turn-rate gain: what a vehicle that does not hear us teaches, and many flights at once."""
+"""The turn-rate gain: learning from a vehicle that receives no commands, and in batches of flights."""
 
 from math import exp, inf, pi, remainder, sin
 
@@ -13,7 +13,7 @@ STEP = 0.05
 
 
 def turned(state: TurnGain, start: float, seconds: float, rate: float) -> TurnGain:
-    """The state after the heading has turned at a rate (rad/s) for some time under the same command."""
+    """Return the state after the heading has turned at a rate (rad/s) for some time under the same command."""
     heading = state.heading
     for n in range(round(seconds / STEP)):
         heading += rate * STEP
@@ -39,7 +39,7 @@ def test_gain_is_learnt_however_poor_and_survives_a_minute_in_which_the_vehicle_
 
 @pytest.mark.parametrize("swing", [0.3, 1.0])
 def test_the_lag_of_a_vehicle_whose_command_swings_hides_no_lack_of_turn(swing: float) -> None:
-    """A swing of 0.3 or 1 rad/s, and a lag of .4 s: seven and twenty degrees of phase."""
+    """A swing of 0.3 or 1 rad/s and a lag of 0.4 s give 7 and 20 deg of phase."""
     state, heading, rate, lag = TurnGain(), 0.0, 0.0, 0.4
     for n in range(2400):
         command = TurnRate(0.2 * sin(swing * n * STEP))

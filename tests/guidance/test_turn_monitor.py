@@ -1,4 +1,4 @@
-"""Commanded against flown turns: a vehicle that does not follow, and a turn that swings, and what is neither."""
+"""Commanded against flown turns: a vehicle that does not follow, a turn rate that oscillates, and harmless cases."""
 
 from math import inf, pi, sin
 
@@ -10,12 +10,12 @@ from circnav_mav.guidance.turn_response import CandidateTurns, TurnBins
 
 LIMIT = 0.5
 DELAYS = (0, 1, 2, 4)
-"""Bins by which the candidates of these tests are late."""
+"""Delay of the candidates in these tests, bins."""
 
 
 def monitored(command, flown, seconds=30.0, *, noise=0.0, monitor=None, start=0.0):
-    """The monitor after so long. command: turn rate by the time. flown: of the time and of the commands so far, newest
-    last."""
+    """Return the monitor after some time. command: turn rate by time. flown: turn rate by time and the commands so far,
+    newest last."""
     monitor, rng, said = monitor or TurnMonitor(LIMIT), np.random.default_rng(4), [0.0] * 20
     for i in range(round(seconds / BIN)):
         time = start + i * BIN
@@ -26,7 +26,7 @@ def monitored(command, flown, seconds=30.0, *, noise=0.0, monitor=None, start=0.
 
 
 def circle(time):
-    """An approach to and fro, then a circle in wind."""
+    """An approach with alternating turns, then a circle in wind."""
     return 0.5 * np.sign(sin(0.9 * time)) if time < 12 else 0.15 + 0.08 * sin(2 * pi * time / 30)
 
 

@@ -1,4 +1,4 @@
-"""What a vehicle teaches about its answer to turn commands, and what it does not."""
+"""The learned response to turn commands: accepted and rejected evidence."""
 
 from math import sin
 
@@ -11,7 +11,8 @@ STEP, DEAD, LAG, GAIN = 0.05, 0.2, 0.15, 0.9
 
 
 class Vehicle:
-    """Turns at 0.9 of what it was commanded 0.2 s before, through a lag of 0.15 s; flies on for 3 s when deaf."""
+    """Turns at 0.9 of the command of 0.2 s ago, through a lag of 0.15 s. While deaf, it continues its last turn for
+    3 s."""
 
     def __init__(self):
         self.answer, self.now, self.heading, self.rate = LearnedResponse(0.4, 0.5), 0.0, 0.0, 0.0
@@ -20,7 +21,7 @@ class Vehicle:
     def fly(self, seconds, *, deaf=False):
         last, since = self._on_the_way[-1], self.now
         for _ in range(round(seconds / STEP)):
-            # a circle, and what keeps the vehicle on it; off the circle, the command calls for more and more
+            # a circle with corrections; while deaf, the vehicle leaves it and the command grows
             command = 0.17 + 0.1 * sin(0.9 * self.now) + (0.3 * min((self.now - since) / 3, 1.0) if deaf else 0.0)
             self.answer.command(self.now, command)
             received = command if not deaf else last if self.now - since < 3.0 else 0.0
@@ -33,7 +34,8 @@ class Vehicle:
 
 
 def test_commands_that_a_dead_uplink_swallowed_teach_nothing():
-    """A minute of them made the answer of a copter 60 ms too quick, and its gains so high that it swung for 45 s."""
+    """A minute of lost commands made the learned response of a copter 60 ms too quick. Its gains became so high that it
+    oscillated for 45 s."""
     vehicle = Vehicle()
     before, gain = vehicle.fly(90.0).response, vehicle.answer.gain
     assert before.learnt and before.delay == pytest.approx(DEAD + LAG, abs=0.05)

@@ -1,4 +1,4 @@
-"""The law on relative motion."""
+"""The drift law on relative motion."""
 
 from itertools import product
 from math import acos, hypot, pi, sqrt
@@ -28,7 +28,7 @@ angles = st.floats(-pi, pi)
 
 
 def turn(p, d, psi, omega):
-    """With the turn rate of before still under way."""
+    """Turn command with the previous turn rate still pending."""
     return drift(
         np.array(p), np.array(d), psi, Pending(LAG * omega, LAG), V=V, r_d=R_D, max_turn_rate=LIMIT, gains=GAINS
     )
@@ -42,7 +42,7 @@ def test_turning_the_compass_changes_nothing(r, at, psi, wind, blows, omega):
         d = wind * np.array([np.cos(blows + turned), np.sin(blows + turned)])
         commands.append(float(turn(p, d, psi + turned, omega)))
     first, command = commands
-    # next to the cut of the heading error at pi both ways round are right
+    # where the heading error wraps at pi, both directions are right
     assert command == pytest.approx(first, abs=1e-6) or abs(abs(command - first) - 2 * pi * GAINS.heading) < 1e-3
 
 
@@ -61,13 +61,14 @@ def test_the_field_is_followed_over_the_ground_whatever_the_wind(at, wind, blows
     [(50.0, 0.02, -1.0), (98.0, 0.02, -0.2), (50.0, 0.01, -sqrt(0.1)), (1.0, 0.05, -pi / 2), (400.0, 0.02, acos(0.25))],
 )
 def test_far_inside_the_course_leads_out_as_the_tightest_turn_does_and_far_outside_it_touches(r, sharpest, inward):
-    """sqrt(2 e (sharpest - 1/r_d)), by hand: sqrt(2 50 .01) = 1; as for .1/r_d at least, straight out at most."""
+    """Hand calculation: sqrt(2 e (sharpest - 1/r_d)) = sqrt(2 50 0.01) = 1. The difference counts as at least
+    0.1/r_d, and the course is at most straight out."""
     assert inward_angle(r, r_d=R_D, k=1e4, sharpest=sharpest) == pytest.approx(inward, rel=1e-4)
 
 
 def flown(sense, start, psi, d, seconds, dt=0.05):
-    """Flights under the law with full information, point masses with a turn lag: ranges (N, B), places (2, B), and
-    their angular momentum round the target, whose sign is the sense that they went round."""
+    """Flights under the law with full information: point masses with a turn lag. Return ranges (N, B), positions (2, B)
+    and angular momentum around the target. The sign of the momentum is the direction of rotation."""
     p, psi, d = np.array(start, float).T, np.array(psi, float), np.array(d, float).T
     omega, under_way, ranges, response = 0.0 * psi, PendingTurn(), [], Response(0.0, LAG, 1 / LAG)
     for i in range(round(seconds / dt)):
@@ -84,7 +85,7 @@ def flown(sense, start, psi, d, seconds, dt=0.05):
 
 
 def test_outside_and_going_the_wrong_way_round_it_turns_away_from_the_target_and_not_past_it():
-    """The half turn to the inside is the shorter one, and leads within .3 .. .7 r_d of the target."""
+    """The half turn to the inside is the shorter one, and passes within 0.3 to 0.7 r_d of the target."""
     flights = product([115.0, 130.0, 160.0, 190.0, 230.0], [-1.7, -1.3, -0.6], [(0, 0), (-3, 2), (-3, -2)])
     r, heading, d = zip(*flights, strict=True)
     ranges, _, _ = flown(1.0, [(x, 0.0) for x in r], heading, d, seconds=60.0)
@@ -104,8 +105,8 @@ def test_it_reaches_the_circle_in_strong_wind_clockwise_in_the_exact_mirror_imag
 
 
 def swing(dead, known):
-    """Largest radius error of the last 60 s of 200, m, in calm air, of a vehicle with a dead time of which `known` is
-    the part that the law knows of."""
+    """Largest radius error (m) in the last 60 s of 200 s, in calm air. `known`: share of the vehicle's dead time in
+    the law."""
     dt, x, y, psi, rate, worst = 0.02, 1.15 * R_D, 0.0, pi / 2, 0.0, 0.0
     response, under_way, told = Response(known * dead, LAG, 1 / LAG), PendingTurn(), [0.0] * (round(dead / dt) + 1)
     facts = {"V": V, "r_d": R_D, "max_turn_rate": LIMIT}
@@ -124,7 +125,8 @@ def swing(dead, known):
 @pytest.mark.parametrize("under_way", [0.3, -0.3])
 @pytest.mark.parametrize("beyond", [0.2, 0.4])
 def test_a_turn_goes_on_the_longer_way_round_while_turning_back_first_would_take_longer(under_way, beyond):
-    """Half a circle and `beyond` one way, half a circle without it the other way, which what is under way adds to."""
+    """Half a circle plus `beyond` one way, half a circle minus `beyond` the other way. The pending turn adds to the
+    latter."""
     p, d = (10 * R_D, 0.0), (0.0, 0.0)
     wanted = field_heading(p, d, V=V, r_d=R_D, k=GAINS.radial, max_turn_rate=LIMIT)
     psi = wanted - (pi + beyond) * np.sign(under_way)
@@ -150,7 +152,7 @@ def test_who_has_the_circles_own_turn_under_way_in_wind_is_commanded_what_the_ci
 
 @given(beyond=st.floats(-0.3, 0.3))
 def test_what_is_under_way_beyond_the_circles_own_turn_is_taken_off(beyond):
-    """On the circle with the right heading."""
+    """The vehicle is on the circle with the right heading."""
     here, turn = ((R_D, 0.0), (0.0, 0.0), pi / 2), V / R_D
     under_way = Pending(turn * 0.01 + beyond, 0.01)
     asked = drift(*here, under_way, V=V, r_d=R_D, max_turn_rate=LIMIT, gains=DriftGains(1.0, 0.0))
@@ -179,7 +181,7 @@ def test_a_dead_time_swings_only_if_nobody_knows_of_it():
 
 @given(wind=st.floats(0, 8), blows=angles, at=angles)
 def test_the_circles_own_turn_in_drift_is_the_turn_of_the_law_on_the_circle(wind, blows, at):
-    """Two derivations: from the heading alone, and as the rotation of the field along the circle."""
+    """Two derivations: from the heading alone, and from the rotation of the field along the circle."""
     d = wind * np.array([np.cos(blows), np.sin(blows)])
     p = R_D * np.array([np.cos(at), np.sin(at)])
     psi = field_heading(p, d, V=V, r_d=R_D, k=GAINS.radial, max_turn_rate=LIMIT)

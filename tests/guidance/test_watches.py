@@ -1,4 +1,4 @@
-"""What watches a flight: a drift that the circle does not allow."""
+"""Flight watches: a drift that exceeds the limit of the circle."""
 
 from math import sqrt
 
@@ -16,7 +16,7 @@ QUIET = DriftAlarm()
 
 
 def after(drifts, most_turn=LIMIT, *, alarm=QUIET, start=0.0, trusted=True):
-    """The alarm after estimates of drift, 10 a second."""
+    """Return the alarm after drift estimates at 10 Hz."""
     for at, drift in enumerate(drifts):
         motion = known(drift_x=0.6 * drift, drift_y=0.8 * drift, trusted=trusted)
         alarm = watch_drift(
@@ -27,7 +27,7 @@ def after(drifts, most_turn=LIMIT, *, alarm=QUIET, start=0.0, trusted=True):
 
 @pytest.mark.parametrize(("most", "allowed"), [(LIMIT, ALLOWED), (0.72 * LIMIT, sqrt(0.72 * R * V * LIMIT) - V)])
 def test_it_is_raised_at_the_drift_that_the_turn_rate_really_reached_allows(most, allowed):
-    """Most downwind the ground speed is V + W and the course turns by V/(V + W) of the nose's rate."""
+    """Downwind the ground speed is at most V + W, and the course turns at V/(V + W) of the nose's rate."""
     assert not after([allowed - 0.01] * 100, most).on
     raised = after([allowed + 0.01] * 100, most)
     assert (raised.on, raised.allowed) == (True, pytest.approx(allowed))

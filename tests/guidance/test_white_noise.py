@@ -1,4 +1,4 @@
-"""The estimator of white noise, against noise of known standard deviation and numpy's quantiles."""
+"""The estimator of white noise, against noise of a given standard deviation and numpy's quantiles."""
 
 import numpy as np
 import pytest

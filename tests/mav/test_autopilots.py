@@ -1,5 +1,5 @@
 """The setpoint of every adapter for left, right, straight and hold, against frames built by hand from the MAVLink
-definitions: wire order by field size, trailing zeros cut, CRC-16/MCRF4XX with the message's extra byte."""
+definitions. Rules: wire order by field size, trailing zeros cut, CRC-16/MCRF4XX with the message's extra byte."""
 
 import struct
 from dataclasses import replace
@@ -61,7 +61,7 @@ def attitude_frame(mask: int, *, roll: float, pitch: float = 0.0, thrust: float 
 
 
 def assert_alike(got: bytes, expected: bytes) -> None:
-    """Two SET_ATTITUDE_TARGET frames, but for the rounding of their q, rates and thrust."""
+    """Compare two SET_ATTITUDE_TARGET frames, except for the rounding of q, rates and thrust."""
     assert struct.unpack_from("<8f", got, 14) == pytest.approx(struct.unpack_from("<8f", expected, 14), abs=1e-6)
     assert got[46:49] == expected[46:49] == bytes((*VEHICLE_IDS, expected[48]))
 
@@ -72,7 +72,7 @@ def stick_frame(y: int) -> bytes:
 
 
 def sent(key: tuple[str, str], turn_rate: float | None, state: SetpointContext = STATE) -> bytes:
-    """The bytes of an adapter for a turn rate in the paper's frame, or of its safe setpoint."""
+    """Return the bytes of an adapter for a turn rate in the paper's frame, or of its safe setpoint."""
     adapter = AUTOPILOTS[key](FACTS)
     if turn_rate is None:
         return Encoder(*US).encode(adapter.safe_setpoint(state, AT))
@@ -86,8 +86,9 @@ def at_airspeed(airspeed: float | None) -> SetpointContext:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_copters_and_rovers_are_commanded_speed_yaw_rate_and_the_acceleration_of_the_turn(side: str) -> None:
-    """Masks: ignore position (bits 0..2) and yaw (bit 10), the rover's acceleration (6..8), too. V w = 2 m/s^2 to the
-    right. PX4: 1 m too high, down at 0.5 /s times 1 m; 1.2 V w to the right; 0.3/s of drag at 10 m/s: 3 m/s^2 ahead."""
+    """Masks ignore position (bits 0 to 2) and yaw (bit 10), for the rover also the acceleration (6 to 8). V w =
+    2 m/s^2 to the right. PX4: 1 m too high, down at 0.5 /s times 1 m. It gets 1.2 V w to the right, and for 0.3/s of
+    drag at 10 m/s, 3 m/s^2 ahead."""
     turn_rate, sense = SIDES[side]
     rate = 0.2 * sense if sense else -0.0
     turn = {"forward": 10.0, "yaw_rate": rate}
@@ -99,7 +100,7 @@ def test_copters_and_rovers_are_commanded_speed_yaw_rate_and_the_acceleration_of
 
 
 def test_a_leaning_px4_copter_is_fed_an_acceleration_that_is_level_when_its_attitude_has_turned_it() -> None:
-    """PX4 multiplies it by the rotation matrix of roll and pitch, and then of the yaw."""
+    """PX4 multiplies it by the rotation matrix of roll and pitch, and then by the one of yaw."""
     roll, pitch = 0.2, -0.45
     leaning = STATE._replace(drag=0.3, motion=STATE.motion._replace(roll=roll, pitch=pitch))
     fed = struct.unpack_from("<3f", sent(("px4", "copter"), -0.2, leaning), 10 + 4 + 6 * 4)
@@ -110,7 +111,7 @@ def test_a_leaning_px4_copter_is_fed_an_acceleration_that_is_level_when_its_atti
 
 @pytest.mark.parametrize("side", SIDES)
 def test_planes_are_commanded_the_bank_of_the_coordinated_turn(side: str) -> None:
-    """PX4 by attitude, 1 m too high and climbing at 0.5 m/s: pitch 0.02 (-1) - 0.04 0.5 rad; thrust 0.63 +
+    """PX4 by attitude, 1 m too high and climbing at 0.5 m/s: pitch 0.02 (-1) - 0.04 0.5 rad. Its thrust is 0.63 +
     0.25 (1/cos(roll) - 1)."""
     turn_rate, sense = SIDES[side]
     thrust = 0.63 + 0.25 * (1 / cos(BANK * sense) - 1)
@@ -121,7 +122,7 @@ def test_planes_are_commanded_the_bank_of_the_coordinated_turn(side: str) -> Non
 
 
 def test_hold_is_standing_still_or_wings_level() -> None:
-    """Our clock in it wraps like a boot time."""
+    """Our clock in the setpoint wraps like a boot time."""
     assert sent(("ardupilot", "copter"), None) == velocity_frame(0x407, forward=0.0, down=0.0, yaw_rate=0.0)
     assert sent(("ardupilot", "rover"), None) == velocity_frame(0x5C7, forward=0.0, down=0.0, yaw_rate=0.0)
     assert sent(("px4", "copter"), None) == velocity_frame(0x407, forward=0.0, down=0.5, yaw_rate=0.0)
@@ -133,7 +134,7 @@ def test_hold_is_standing_still_or_wings_level() -> None:
 
 
 def test_the_guided_mode_is_asked_for_by_its_numbers() -> None:
-    """DO_SET_MODE (176): p1 = 1, custom mode enabled; then ArduPilot's mode, or PX4's main and sub mode."""
+    """DO_SET_MODE (176): p1 = 1, custom mode enabled, then ArduPilot's mode, or PX4's main and sub mode."""
     for key, numbers in ((("ardupilot", "copter"), (4,)), (("ardupilot", "plane"), (15,)), (("px4", "plane"), (2, 0))):
         vehicle = AUTOPILOTS[key](FACTS)
         command = vehicle.request_mode(vehicle.guided_mode)
@@ -147,7 +148,7 @@ def test_the_guided_mode_is_asked_for_by_its_numbers() -> None:
         (("px4", "copter"), 4 << 16 | 3 << 24, True),
         (("px4", "copter"), None, True),
         (("px4", "plane"), 4 << 16 | 3 << 24, True),  # AUTO.LOITER
-        (("px4", "plane"), 3 << 16, False),  # POSCTL is flown by stick: ours would move it
+        (("px4", "plane"), 3 << 16, False),  # POSCTL is flown by stick: our setpoints would move the vehicle
         (("px4", "plane"), None, False),
     ],
 )
@@ -182,7 +183,7 @@ def test_bank_and_stick_stay_within_the_mission_s_limit(key: tuple[str, str]) ->
 @pytest.mark.parametrize("airspeed", [None, 0.1, 1.0, 4.99, 16.01, 150.0, nan])
 @pytest.mark.parametrize("key", [("ardupilot", "plane"), ("px4", "plane"), ("px4", "plane attitude")])
 def test_an_airspeed_that_cannot_be_is_not_used(key: tuple[str, str], airspeed: float | None) -> None:
-    """The plane is commanded to fly 10 m/s, which stands in for the bank and for the thrust."""
+    """The commanded 10 m/s replaces the reported airspeed in bank and thrust."""
     assert sent(key, TURN, at_airspeed(airspeed)) == sent(key, TURN)
     assert sent(key, None, at_airspeed(airspeed)) == sent(key, None)
 
@@ -207,7 +208,7 @@ def test_an_airspeed_that_can_be_makes_the_bank_of_its_own_coordinated_turn(airs
 
 
 def test_thin_air_makes_the_bank_steeper() -> None:
-    """3000 m above the sea, where the density is .909 kg/m^3: by the true airspeed, which nobody shows."""
+    """3000 m above the sea the density is 0.909 kg/m^3. The bank uses the true airspeed, which no message reports."""
     thin = STATE._replace(motion=LEVEL._replace(altitude=3000.0))
     bank = atan(TURN * SPEED * sqrt(1.225 / 0.90925) / 9.80665)
     assert sent(("px4", "plane"), TURN, thin) == stick_frame(-round(1000 * bank / FULL_STICK))
@@ -215,7 +216,7 @@ def test_thin_air_makes_the_bank_steeper() -> None:
 
 @pytest.mark.parametrize(("bound", "within", "again"), [(16.0, 15.6, 15.0), (5.0, 5.9, 6.0)])
 def test_an_airspeed_at_the_bound_of_what_can_be_does_not_make_the_thrust_step_each_time(bound, within, again):
-    """Once doubted, at 1.6 V or at .5 V, it is used again within 1.5 V or .6 V only."""
+    """After it was rejected at 1.6 V or 0.5 V, the airspeed is used again only within 1.5 V or 0.6 V."""
     adapter = AUTOPILOTS["px4", "plane attitude"](FACTS)
 
     def thrust(airspeed: float | None) -> float:

@@ -1,4 +1,4 @@
-"""A remote clock mapped to ours from nothing but stamps and arrivals; whether it was set anew, and how fast it runs."""
+"""A remote clock mapped to ours from stamps and arrivals alone, including clock resets and the clock's rate."""
 
 import numpy as np
 import pytest
@@ -8,14 +8,14 @@ from hypothesis import strategies as st
 from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, Order, StampFilter
 
 WINDOW = 100
-"""Samples within which a drift of the clock is followed: 10 s of a 10 Hz radio."""
+"""Samples within which a clock drift is followed: 10 s of a 10 Hz radio."""
 
 
 def test_the_least_delay_seen_is_the_offset_and_one_that_stays_is_believed_after_two_windows_at_the_latest():
-    """A constant delay cannot be told from a clock difference."""
+    """A constant delay cannot be distinguished from a clock offset."""
     clock = StampFilter(lambda since, now: 0.3)
     assert clock.local(100.0, 10.3) == pytest.approx(10.3)
-    assert clock.local(100.1, 10.2) == pytest.approx(10.2)  # 0.2 s faster on its way than the first
+    assert clock.local(100.1, 10.2) == pytest.approx(10.2)  # 0.2 s less delay than the first
     assert clock.local(100.2, 10.5) == pytest.approx(10.3)
     assert clock.local(100.3, 10.4) == pytest.approx(10.4)
     ages = [10.8 + i / 10 - clock.local(100.4 + i / 10, 10.8 + i / 10) for i in range(2 * WINDOW + 1)]
@@ -34,7 +34,7 @@ def test_jitter_of_the_way_is_taken_out():
 
 @pytest.mark.parametrize("drift", [200e-6, -200e-6])
 def test_a_drifting_clock_is_followed(drift):
-    """200 ppm over an hour are 0.7 s; the mapping never falls behind by more than two windows' worth, 4 ms at 10 Hz."""
+    """200 ppm over an hour are 0.7 s. The mapping lags by at most the drift of two windows, 4 ms at 10 Hz."""
     clock = StampFilter()
     for i in range(36_000):
         true = 0.1 * i
@@ -52,7 +52,7 @@ def test_no_sample_is_ever_dated_after_its_arrival(pairs):
 
 
 def test_stamps_go_on_along_one_line_through_the_wrap_and_back():
-    """10 s of ms in 32 bits before and after 49.7 days; one that was overtaken lies behind."""
+    """10 s in 32-bit milliseconds, before and after 49.7 days. An overtaken stamp comes late."""
     clock = StampFilter(wrap=BOOT_WRAP)
     assert abs(BOOT_WRAP - 49.71 * 86400) < 300
     assert clock.unwrapped(5.0) == 5.0
@@ -69,9 +69,9 @@ def test_stamps_go_on_along_one_line_through_the_wrap_and_back():
         ([(3.0, 1.0)], 1.0, False),
         ([(3.0, 1.0), (3.1, 1.1)], 1.0, True),
         ([(3.0, 1.0), (3.0, 1.1)], 1.0, False),  # the same frame again
-        ([(3.0, 1.0), (9.0, 1.1)], 1.0, False),  # goes on, but not as fast as time does
+        ([(3.0, 1.0), (9.0, 1.1)], 1.0, False),  # advances, but slower than time
         ([(3.0, 1.0), (9.0, 1.1)], np.inf, True),
-        ([(3.0, 1.0), None, (3.1, 1.1)], 1.0, False),  # one of the old clock between them
+        ([(3.0, 1.0), None, (3.1, 1.1)], 1.0, False),  # one stamp of the old clock between them
     ],
 )
 def test_a_clock_was_set_anew_when_two_stamps_in_a_row_agree(stamps, steady, proven):
@@ -96,11 +96,12 @@ def test_a_stamp_is_newer_repeated_or_overtaken_unless_it_is_far_behind_or_ahead
                       52.2: Order.JUMPED, 48.9: Order.JUMPED}  # fmt: skip
 
 
-# --- a remote clock that stands still ---
+# --- a remote clock that stops ---
 
 
 def ages(lag, *, slower=lambda since, now: 0.0, jitter=0.0, seconds=8.0):
-    """(time, age shown) at 10 Hz; lag(t): how late a sample stamped t comes, s, from second 4 on, less the jitter."""
+    """Return (time, estimated age) at 10 Hz. lag(t): delay (s) of a sample stamped t, from 4 s on, without the
+    jitter."""
     rng, clock, shown, received = np.random.default_rng(7), StampFilter(slower), [], 0.0
     for i in range(round(10 * seconds)):
         stamp = i / 10
@@ -125,7 +126,7 @@ def test_pauses_that_follow_each_other_are_followed_each():
 @pytest.mark.parametrize("jitter", [0.0, 0.02])
 @pytest.mark.parametrize("spare", [0.1, 0.5, 3.0])
 def test_a_queue_that_drains_is_never_believed_fresh(spare, jitter):
-    """After 2 s of outage, over a link with so much of its load to spare; until the least lag is forgotten."""
+    """A queue after 2 s of outage, on a link with little spare capacity, until the smallest lag is forgotten."""
     wait = lambda stamp: max(2.0 - spare / (1 + spare) * (stamp - 4.0), 0.0)  # noqa: E731
     for (time, age), stamp in zip(ages(wait, jitter=jitter, seconds=19.9), np.arange(199) / 10, strict=True):
         assert stamp < 4.0 or age >= wait(stamp) - 0.05, time
@@ -146,7 +147,8 @@ def test_a_link_that_has_turned_slow_in_one_step_is_told_by_its_round_trip():
 
 
 def test_what_the_round_trip_does_not_explain_is_the_clocks():
-    """Nobody has told for a second; then a round trip that has grown by 0.2 s explains as much of 1 s."""
+    """Timesync is silent for 1 s: the whole lag counts as delay. Then a round trip that has grown by 0.2 s explains
+    only 0.2 s."""
     slower = lambda since, now: float("inf") if now < 6.0 else 0.2  # noqa: E731
     shown = ages(lambda stamp: 1.0, slower=slower)
     assert [round(age, 6) for time, age in shown if 5.0 < time < 5.95] == [1.0] * 9
@@ -154,14 +156,14 @@ def test_what_the_round_trip_does_not_explain_is_the_clocks():
 
 
 COMPUTER_PAUSED = [0.4] * 3 + [0.96, 0.88, 0.96, 1.09, 1.17, 1.26, 1.28, 1.28, 1.09] + [1.01] * 23
-"""A simulator stood still for .5 s twice within 1.3 s, and answered slowly meanwhile. What the slow answers explain at
-first is the clock's, too, once they are quick."""
+"""A simulator stopped for 0.5 s twice within 1.3 s, and answered slowly meanwhile. The part explained by slow
+answers is assigned to the clock once the answers are quick."""
 COMPUTER_BUSY = [
     0.57, 0.6, 0.66, 0.56, 0.64, 0.67, 0.57, 0.67, 0.69, 0.79, 0.91, 0.96, 1.18, 1.27, 1.17,
     1.18, 1.08, 1.16, 1.06, 0.96, 0.88, 0.78, 0.69, 0.67, 0.68, 0.97, 0.88, 0.81, 0.78, 0.79,
     0.78, 0.78, 0.85, 0.81, 0.79, 0.78, 0.83, 0.86, 1.05, 0.96, 0.87, *[0.83] * 10,
 ]  # fmt: skip
-"""A simulator lost .83 s in many small stalls while the link stalled, too."""
+"""A simulator lost 0.83 s in many small stalls while the link stalled too."""
 
 
 @pytest.mark.parametrize(
@@ -173,7 +175,7 @@ COMPUTER_BUSY = [
     ids=["paused", "busy"],
 )
 def test_a_step_among_slow_answers_is_followed_within_a_second_of_settling(lags, slower):
-    """Lags as flown, s, .1 s apart; the last one stays."""
+    """Flown lags, s, at intervals of 0.1 s. The last one stays."""
     clock, shown = StampFilter(slower), []
     for i in range(200):
         lag = 0.0 if i < 100 else lags[min(i - 100, len(lags) - 1)]
@@ -189,11 +191,11 @@ def test_a_step_is_doubted_while_it_may_be_the_clocks():
     assert doubts == [False] * 21 + [True] * 9
 
 
-# --- how fast it runs ---
+# --- rate of the clock ---
 
 
 def found(times):
-    """What is found after each (time since boot, our time)."""
+    """Return the results after each (time since boot, our time)."""
     clock = ClockSpeed()
     return [clock.received(boot, now) or clock.found for boot, now in times]
 

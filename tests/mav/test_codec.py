@@ -1,4 +1,4 @@
-"""Bytes to messages: any chunking, any junk, anything at all; and our own frames."""
+"""Bytes to messages: any chunks, any junk, any bytes at all, and our own frames."""
 
 from itertools import pairwise
 
@@ -11,12 +11,12 @@ from circnav_mav.mav.codec import Decoder, Encoder
 from circnav_mav.mav.framing import split_frames
 
 UNKNOWN_ID = 54321
-"""An id that no dialect of pymavlink 2.4.50 has."""
+"""An id that is in no dialect of pymavlink 2.4.50."""
 HEARTBEAT = mavlink.MAVLink_heartbeat_message(2, 3, 129, 4, 4, 3)
 
 
 def frames(count):
-    """Frames of mixed lengths (21, 37, 51 and 63 bytes or so) of one speaker."""
+    """Frames of mixed lengths (about 21, 37, 51 and 63 bytes) from one sender."""
     speaker = mavlink.MAVLink(None, srcSystem=7, srcComponent=1)
     made = []
     for i in range(count):
@@ -46,9 +46,9 @@ def cut(data, places):
 
 GOOD = frames(12)
 BEAT = GOOD[4]
-"""A heartbeat of 21 bytes, whose sequence number 4 is no known id of MAVLink 1."""
+"""A heartbeat of 21 bytes. Its sequence number 4 is not a message id of MAVLink 1."""
 STUMP = bytes((0xFD, 13, 0, 0))
-"""4 bytes of a frame of 25: with the 21 of a heartbeat they look like a frame of an unknown id."""
+"""First 4 bytes of a frame of 25. Followed by the 21 of a heartbeat, they look like a frame of an unknown id."""
 STARTS = [STUMP, *(b"\xfd", b"\xfe", b"\xfe\x09", b"\xfd\x09\x00", b"\xfd\xff\x00\x00", b"\x00", b"\x00GET / HTTP")]
 STUMPS = [frame[:length] for frame in GOOD for length in (10, 12, len(frame) - 5)]
 PLACES = st.lists(st.integers(0, 10_000), max_size=20)
@@ -58,9 +58,9 @@ PLACES = st.lists(st.integers(0, 10_000), max_size=20)
 @example(data=[b"\xfd", *GOOD])
 @example(data=[*GOOD[:6], b"\xfd\xff\x00\x00", *GOOD[6:]])
 @example(data=[STUMP, BEAT, BEAT])
-@example(data=[b"\xfe", *[BEAT] * 10, GOOD[2]])  # 0xFE claims most of the datagram
+@example(data=[b"\xfe", *[BEAT] * 10, GOOD[2]])  # the length after 0xFE covers most of the datagram
 def test_no_good_frame_of_a_datagram_is_lost_to_false_starts_stumps_and_junk_round_it(data):
-    """The parser of pymavlink loses the 14 frames inside the length that a stray 0xFD claims (mavlink.md, rule 2)."""
+    """The parser of pymavlink loses the 14 frames within the length after a stray 0xFD (mavlink.md, rule 2)."""
     assert decoded(Decoder(), [b"".join(data)]) == [piece for piece in data if piece in GOOD]
 
 
@@ -117,7 +117,7 @@ def test_no_bytes_whatever_raise(data, stream):
 
 
 def test_a_datagram_stands_for_itself():
-    """Half a frame at its end is lost and does not spoil the next one."""
+    """An incomplete frame at its end is lost and does not affect the next datagram."""
     decoder = Decoder()
     assert decoded(decoder, [GOOD[0] + GOOD[1][:10]]) == [GOOD[0]]
     assert decoded(decoder, [GOOD[1][10:] + GOOD[2]]) == [GOOD[2]]
@@ -158,7 +158,7 @@ def test_a_flood_of_ids_and_systems_leaves_the_counters_small():
 
 
 def test_a_hostile_datagram_is_given_up_after_64_false_starts():
-    """Work is bounded: what follows in that datagram is lost, the next datagram is not."""
+    """Work is bounded: the rest of that datagram is lost, and the next datagram is read."""
     decoder = Decoder()
     for start in (b"\xfd\x01\x00", b"\xfd", b"\xfd\xff\x02", b"\xfe"):
         assert decoded(decoder, [start * 63 + GOOD[0]]) == [GOOD[0]]
@@ -167,7 +167,7 @@ def test_a_hostile_datagram_is_given_up_after_64_false_starts():
 
 
 def test_what_nobody_reads_is_checked_counted_and_kept_for_the_log_but_not_decoded():
-    """With ids that nobody knows."""
+    """Includes unknown ids."""
     decoder = Decoder(wanted={mavlink.MAVLINK_MSG_ID_HEARTBEAT})
     assert [m.get_type() for m in decoder.decode(b"".join([b"\x00", *GOOD, unknown_frame()]))] == ["HEARTBEAT"] * 3
     assert decoder.counts.frames == 13
@@ -182,7 +182,7 @@ def test_what_nobody_reads_is_checked_counted_and_kept_for_the_log_but_not_decod
     ("flags", "signature", "understood"), [(0x01, bytes(13), True), (0x02, b"", False), (0x03, bytes(13), False)]
 )
 def test_a_signed_frame_is_read_and_one_with_flags_that_we_do_not_understand_is_dropped(flags, signature, understood):
-    """Payload, CRC, then 13 bytes of signature, which is kept for the log. 50: CRC_EXTRA of HEARTBEAT."""
+    """Payload, CRC, then 13 bytes of signature, which is kept for the log. 50 is the CRC_EXTRA of HEARTBEAT."""
     body = GOOD[0][1:2] + bytes((flags,)) + GOOD[0][3:-2]
     flagged = b"\xfd" + body + mavlink.x25crc(body + bytes((50,))).crc.to_bytes(2, "little") + signature
     expected = [flagged, GOOD[1]] if understood else [GOOD[1]]

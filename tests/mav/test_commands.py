@@ -1,5 +1,5 @@
-"""COMMAND_LONG: retries, acknowledgements, bounded time (MAVSDK: 0.5 s, three retries, 3 s in progress). And telemetry
-rates: asked for, measured, asked for again."""
+"""COMMAND_LONG: retries, acknowledgements, bounded time (MAVSDK: 0.5 s, three retries, 3 s in progress). Telemetry
+rates: requested, measured, requested again."""
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -21,14 +21,14 @@ def ack(number=SET_MODE, result=ACCEPTED, target=(0, 0)):
 
 
 def poll_until(sender, end, start=0.0, step=0.05):
-    """(time, message) of everything that is sent."""
+    """Return (time, message) of everything that is sent."""
     times = [round(start + i * step, 6) for i in range(round((end - start) / step) + 1)]
     return [(now, message) for now in times for message in sender.poll(TARGET, now)]
 
 
 @pytest.fixture
 def sender():
-    """GUIDED is waiting to go out."""
+    """A sender with a request for GUIDED in its queue."""
     sender = CommandSender()
     sender.send(GUIDED)
     return sender
@@ -96,7 +96,7 @@ def test_one_command_of_a_number_is_under_way_at_a_time_and_those_of_others_do_n
 
 @pytest.mark.parametrize(("trip", "doubled"), [(0.55, False), (1.95, False), (0.1, True), (0.95, True)])
 def test_each_answer_counts_for_the_command_that_it_answers_however_late_or_often_it_comes(trip, doubled):
-    """Of ten streams, of which the vehicle denies one. doubled: two routers bring each answer."""
+    """Ten streams, of which the vehicle denies one. doubled: two routers bring each answer."""
     sender, answers, results = CommandSender(), [], []
     for stream in range(10):
         sender.send(Command(SET_INTERVAL, (stream, 1e5)))

@@ -1,4 +1,4 @@
-"""Where frames lie in bytes: the quick search finds what a look at every byte finds, and what nobody knows is cheap."""
+"""Frames in bytes: the fast search finds the same frames as a search at every byte, and unknown frames cost little."""
 
 import itertools
 import sys
@@ -15,13 +15,13 @@ IDS = sorted(mavlink.mavlink_map)
 
 
 def right_crc(frame):
-    """Of a whole frame without signature."""
+    """Right CRC of a whole frame without signature."""
     ident = int.from_bytes(frame[7:10], "little") if frame[0] == 0xFD else frame[5]
     return mavlink.x25crc(frame[1:-2] + bytes((mavlink.mavlink_map[ident].crc_extra,))).crc.to_bytes(2, "little")
 
 
 def good_by_every_byte(buffer, frame):
-    """What `is_good` promises, word by word and byte by byte."""
+    """Reference for `is_good`: checks the definition byte by byte."""
     if frame.end > len(buffer):
         return False
     body = buffer[frame.start : frame.end - 13 if frame.signed else frame.end]
@@ -35,7 +35,7 @@ def good_by_every_byte(buffer, frame):
 
 @st.composite
 def known(draw, longest=40):
-    """A good frame: of any length, version and id, signed or not."""
+    """A good frame of any length, version and id, signed or not."""
     ident, payload = draw(st.sampled_from(IDS)), draw(st.binary(max_size=longest))
     if ident < 256 and draw(st.booleans()):
         frame = bytes((0xFE, len(payload), 1, 2, 3, ident)) + payload + bytes(2)
@@ -48,12 +48,12 @@ def known(draw, longest=40):
 SPICY = st.lists(
     st.sampled_from([0xFD, 0xFE, 0, 1, 2, 9, 11, 12, 60, 100, 132, 255]) | st.integers(0, 255), max_size=40
 ).map(bytes)
-"""Bytes of which many begin a frame, or seem to."""
+"""Bytes that often begin a frame, or seem to."""
 
 
 @st.composite
 def unknown(draw):
-    """What claims to be a frame of an id that nobody knows, with anything inside; it may claim more than there is."""
+    """Claimed frame of an unknown id, with any content. It may claim more bytes than follow."""
     inside = b"".join(draw(st.lists(known() | SPICY, max_size=4)))[:255]
     length = min(len(inside) + draw(st.sampled_from([0, 0, 0, 1, 5, 30])), 255)
     return (
@@ -80,7 +80,7 @@ def test_what_is_good_is_what_a_look_at_every_byte_says(buffer):
 @settings(max_examples=300)
 @given(frame=known(longest=255))
 def test_no_payload_with_a_right_crc_raises(frame):
-    """Fuzz with wrong CRCs and you hit nothing."""
+    """Random bytes with wrong CRCs would test nothing."""
     decoder = Decoder()
     messages = decoder.decode(frame)
     assert decoder.counts.frames == 1
@@ -91,7 +91,7 @@ def test_no_payload_with_a_right_crc_raises(frame):
 
 
 def cost(data):
-    """Lines of Python run to read some bytes: the same on every machine, however busy."""
+    """Lines of Python executed to read some bytes: the same on every machine under any load."""
     decoder, lines = Decoder(wanted=()), itertools.count()
 
     def trace(frame, event, argument):
@@ -110,7 +110,7 @@ def cost(data):
 
 @pytest.mark.parametrize("payload", [bytes(255), b"\xfd" * 255], ids=["zeros", "false starts"])
 def test_a_long_frame_that_nobody_knows_costs_little_more_than_a_short_one(payload):
-    """A flood of them else keeps the ranges waiting."""
+    """Otherwise a flood of such frames delays the ranges."""
     head, few = bytes((0, 0, 1, 9, 9, 0x31, 0xD4, 0)), payload[:9]
     long, short = (bytes((0xFD, len(inside))) + head + inside + b"\x12\x34" for inside in (payload, few))
     assert cost(long * 20) < 4 * cost(short * 20)
@@ -122,6 +122,6 @@ def test_a_long_frame_that_nobody_knows_costs_little_more_than_a_short_one(paylo
     ids=["zeros", "fd", "fe", "fd ff", "fd 00 02"],
 )
 def test_a_long_datagram_of_zeros_or_false_starts_costs_less_than_a_few_frames(data):
-    """It took 41 ms, and such datagrams stopped a flight."""
+    """Such datagrams once took 41 ms each and stopped a flight."""
     beat = bytes(mavlink.MAVLink_heartbeat_message(2, 3, 129, 4, 4, 3).pack(mavlink.MAVLink(None, srcSystem=1)))
     assert cost(data) < cost(beat * 50)

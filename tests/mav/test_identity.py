@@ -1,4 +1,4 @@
-"""Attacks by strangers, of our ids or of others, and by the vehicle's own words that come late."""
+"""Attacks by unknown senders, with the vehicle's ids or with other ids, and late frames of the vehicle itself."""
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -13,21 +13,21 @@ PLANE_GUIDED = 15
 
 @pytest.fixture
 def flying(rig):
-    """Engaged; the vehicle has told its time once, as many autopilots do."""
+    """Engaged. The vehicle has reported its time since boot once, as many autopilots do."""
     rig.engage().hear(boot_time(1000.0 + rig.now))
     return rig
 
 
-# --- strangers while our vehicle is silent ---
+# --- unknown senders while our vehicle is silent ---
 
 
 def outage(rig, seconds):
-    """Our vehicle falls silent, and speaks again."""
+    """The vehicle is silent for some seconds, then sends again."""
     rig.run(seconds, speaks=False).now_is(speaks=True)
 
 
 def test_nobody_else_is_told_to_change_his_streams_when_our_vehicle_is_gone(make_rig):
-    """System 0 is everybody behind the endpoint."""
+    """System 0 addresses every vehicle behind the endpoint."""
     rig = make_rig(timing=timing(outage=10.0)).engage().run(20.0, speaks=False, ranges=False)
     assert rig.pilot.done
     assert {message.target_system for message in rig.of("COMMAND_LONG")} == {1}
@@ -65,7 +65,7 @@ def test_a_vehicle_of_another_kind_that_comes_back_under_our_ids_is_not_ours(mak
     assert ("not the vehicle received first" if source == "vehicle" else "has a second sender") in " ".join(reasons)
 
 
-# --- other addresses: the vehicle's own stays while anything of it comes from there, and afterwards a proof counts
+# --- other addresses: the vehicle's own stays while it sends anything, and afterwards a proof of identity counts
 
 
 @pytest.mark.parametrize("version", [1, 2])
@@ -98,7 +98,7 @@ SIGNS_OF_LIFE = {
 @pytest.mark.parametrize("seconds", [1.8, 4.0], ids=["two heartbeats lost", "link lost"])
 @pytest.mark.parametrize("sign", SIGNS_OF_LIFE.values(), ids=SIGNS_OF_LIFE.keys())
 def test_no_other_address_replaces_one_that_still_sends_anything_of_the_vehicle(flying, sign, seconds):
-    """The other sender uses its ids and has the right time since boot: it listens."""
+    """The other sender uses the vehicle's ids and the right time since boot, because it can listen."""
     rig, twin = flying, Voice(1, 1)
     rig.now_is(speaks=False, ranges=False)
     for i in range(round(seconds / 0.05)):
@@ -132,7 +132,7 @@ def test_before_the_flight_neither_and_a_vehicle_that_was_switched_off_may_come_
 def test_another_vehicle_that_has_the_ids_of_ours_by_default_takes_no_place_of_ours_which_is_flown_on_when_it_is_back(
     flying, offset, seconds
 ):
-    """Its heartbeats name GUIDED, too: only its time since boot shows that it is another one."""
+    """Its heartbeats show GUIDED too. Only its time since boot differs."""
     rig, twin, last = flying, Voice(1, 1), 1000.0 + flying.now
     rig.run(seconds, speaks=False, ranges=False)
     since = rig.now
@@ -168,7 +168,7 @@ def test_our_own_vehicle_goes_on_being_ours_after_a_silence_as_soon_as_its_time_
 
 
 def test_a_pause_in_its_heartbeats_alone_does_not_make_our_vehicle_doubtful(flying):
-    """From the same address, all else goes on: a lossy link."""
+    """On a lossy link everything else continues from the same address."""
     outage(flying, 2.0)
     since = flying.now
     assert len(flying.run(1.0).setpoints(since)) >= 15
@@ -193,7 +193,7 @@ def test_a_vehicle_that_never_tells_its_time_after_a_silence_is_waited_for_as_fo
 
 
 def test_last_words_that_could_not_be_said_are_told_of(make_rig):
-    """The vehicle has moved, and has proven it by one message; another one must confirm it."""
+    """The vehicle has moved to another address. One message confirms its identity, but a second one is needed."""
     rig = make_rig(exit="brake").engage()
     rig.hear(boot_time(1000.0 + rig.now))
     rig.run(2.0, speaks=False, ranges=False)
@@ -208,7 +208,7 @@ def test_last_words_that_could_not_be_said_are_told_of(make_rig):
 
 
 def test_a_simulator_that_hurries_is_no_other_vehicle_after_a_silence(rig):
-    """Five seconds of its own in one of ours."""
+    """Its time since boot runs five times as fast as ours."""
     for seconds in (15.0, 1.0):
         for _ in range(round(10 * seconds)):
             rig.hear(boot_time(100.0 + 5 * rig.now))
@@ -218,7 +218,7 @@ def test_a_simulator_that_hurries_is_no_other_vehicle_after_a_silence(rig):
 
 
 def test_the_ranges_of_another_autopilot_are_given_up_when_its_heartbeat_tells_what_it_is(make_rig):
-    """They were heard, and flown on, before the first of its heartbeats got through."""
+    """Its ranges were received and used before the first of its heartbeats arrived."""
     rig, other = make_rig(), Voice(2, 1)
     rig.run(4.0, lambda: rig.range(4000, voice=other), ranges=False)
     assert rig.pilot.mission.phase is Phase.ENGAGED
@@ -228,7 +228,7 @@ def test_the_ranges_of_another_autopilot_are_given_up_when_its_heartbeat_tells_w
     assert rig.pilot.tracker.newest.time < 5.0
 
 
-# --- words that come late ---
+# --- late frames ---
 
 
 def test_a_heartbeat_that_was_overtaken_does_not_begin_a_flight(rig):
@@ -268,7 +268,8 @@ def test_a_heartbeat_that_was_overtaken_takes_the_vehicle_and_does_not_give_it_b
 
 
 def test_a_vehicle_whose_heartbeats_have_a_counter_of_their_own_is_believed(rig):
-    """Home-made ones: pymavlink's `pack` does not advance the sequence, so that all else comes with 0."""
+    """A sender that builds its own heartbeats: pymavlink's `pack` does not advance the sequence, so other messages
+    have 0."""
     rig.engage()
     for _ in range(160):
         rig.hear(attitude(0))
@@ -282,7 +283,7 @@ def test_a_vehicle_whose_heartbeats_have_a_counter_of_their_own_is_believed(rig)
     assert rig.setpoints(since)
 
 
-# --- frames in our own name ---
+# --- frames under our own ids ---
 
 
 @pytest.mark.parametrize(("apart", "ends"), [(0.05, True), (1.0, True), (3.0, True), (3.6, False), (12.0, False)])
@@ -298,7 +299,7 @@ def test_another_companion_ends_the_flight_and_a_stray_frame_now_and_then_does_n
 
 
 def test_frames_in_our_name_that_the_vehicle_did_not_forward_end_nothing_and_are_told_of(make_rig):
-    """Anybody on the network can send them."""
+    """Any host on the network can send them."""
     rig, twin = make_rig().engage(), Voice(1, 191)
     for _ in range(20):
         rig.hear(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 3, 3), voice=twin, source=("10.9.9.9", 6666))
@@ -333,7 +334,7 @@ def test_what_is_said_in_the_vehicles_name_from_elsewhere_counts_for_nothing(rig
 
 
 def test_of_strangers_so_much_is_read_as_leaves_time_for_the_vehicle(rig):
-    """And of the vehicle all."""
+    """The vehicle's own frames are all read."""
     rig.engage()
     received = rig.pilot.connection.counts[VEHICLE]
     junk, before = bytes(1000), received.bytes
@@ -348,7 +349,7 @@ def test_of_strangers_so_much_is_read_as_leaves_time_for_the_vehicle(rig):
 
 
 def test_a_radio_of_its_own_address_is_not_followed_to_another_in_flight(rig):
-    """That of the vehicle is, as the vehicle may move."""
+    """Only the vehicle may move to another address."""
     radio, at = Voice(1, 192), ("10.0.0.7", 7)
     rig.run(6.0, lambda: rig.range(voice=radio, source=at), ranges=False)
     rig.run(4.0, lambda: rig.range(voice=radio, source=("10.0.0.7", 8)))
@@ -362,7 +363,7 @@ def test_a_radio_of_its_own_address_is_not_followed_to_another_in_flight(rig):
 
 
 def test_a_second_sender_is_told_of_once_and_only_if_his_ranges_fit_the_mission(rig):
-    """From another address: beside ours, on our own link, other sensors are common."""
+    """It must send from another address: on our own link, other sensors are common."""
     rig.engage()
     told = ["circnav: the ranging radio: second sender rejected"]
     for orientation, source, texts in ((24, "vehicle", []), (0, "elsewhere", []), (24, "elsewhere", told)):
@@ -388,7 +389,7 @@ def test_where_two_speak_as_the_vehicle_neither_is_engaged_until_one_is_silent(r
 
 
 def test_answers_to_commands_in_our_name_that_nothing_of_ours_asked_for_are_alarmed(rig):
-    """Each command of ours is answered once, a change of mode twice, and some answers come by two ways."""
+    """Each command of ours is answered once, a mode change twice, and some answers arrive by two paths."""
     for message in rig.engage().of("COMMAND_LONG"):
         answer = rig.vehicle.say(mavlink.MAVLink_command_ack_message(message.command, 0, 0, 0, 1, 191))
         for _ in range(2):
@@ -408,7 +409,7 @@ def test_answers_to_commands_in_our_name_that_nothing_of_ours_asked_for_are_alar
 
 
 def test_a_component_with_the_vehicles_ids_that_is_no_autopilot_takes_nothing_over(rig):
-    """A radio or gimbal that was left at 1/1, behind the same router: its mode 0 looked like a takeover."""
+    """A radio or gimbal with the default ids 1/1, behind the same router: its mode 0 looked like a takeover."""
     peripheral = Voice()
     rig.run(20.0, lambda: rig.tick % 20 or rig.hear(heartbeat(0, armed=False, autopilot=8), voice=peripheral))
     assert rig.pilot.mission.phase is Phase.ENGAGED and rig.pilot.session.vehicle.departures == 0

@@ -1,4 +1,4 @@
-"""Own motion from ATTITUDE, VFR_HUD and the IMU: its frames, when it was measured, what is stale, what is missing."""
+"""Own motion from ATTITUDE, VFR_HUD and the IMU: frames, measurement times, stale values and missing values."""
 
 import random
 from functools import partial
@@ -60,7 +60,7 @@ def test_two_attitudes_in_three_seconds_are_too_few_and_two_per_second_are_enoug
 
 
 def received(delays, boot_ms=0, seconds=20.0):
-    """(own motion, true time of it) for attitudes at 20 Hz that are each under way for as long as delays() says."""
+    """Return (own motion, its true time) for attitudes at 20 Hz, each with a delay of delays() seconds."""
     sensor, found = OwnMotionSensor(), []
     sent = [(i / 20, (boot_ms + 50 * i) % 2**32) for i in range(round(20 * seconds))]
     for now, at, ms in sorted((at + delays(), at, ms) for at, ms in sent):
@@ -96,8 +96,8 @@ def test_a_vehicles_clock_that_is_set_anew_costs_two_attitudes_at_most(jump_ms):
 
 
 def test_a_quaternion_is_an_attitude_where_no_other_comes_and_no_news_beside_it():
-    """By the definition of ATTITUDE_QUATERNION: w, x, y, z; a yaw of .6 rad is (cos .3, 0, 0, sin .3). Heading and turn
-    are the paper's: counter-clockwise, from east."""
+    """Definition of ATTITUDE_QUATERNION: w, x, y, z. A yaw of 0.6 rad is (cos 0.3, 0, 0, sin 0.3). Heading and turn
+    rate are the paper's: counter-clockwise, from east."""
     q = {"q1": cos(0.3), "q2": 0.0, "q3": 0.0, "q4": sin(0.3), "rollspeed": 0.0, "pitchspeed": 0.0, "yawspeed": RATE}
     sensor = OwnMotionSensor()
     assert sensor.receive(mavlink.MAVLink_attitude_quaternion_message(time_boot_ms=1000, **q), 1.0)
@@ -160,7 +160,7 @@ def test_of_a_backlog_the_newest_counts_and_a_frame_that_comes_seconds_late_is_r
     ],
 )
 def test_rubbish_from_an_air_data_computer_is_not_known(field, unknown, rubbish):
-    """PX4's copter sends NaN airspeed, ArduPilot 0 before take-off."""
+    """PX4's copter sends NaN as airspeed, and ArduPilot 0 before take-off."""
     sensor = OwnMotionSensor()
     for value in rubbish:
         sensor.receive(hud(**{field: value}), 0.0)
@@ -179,16 +179,17 @@ def test_an_attitude_that_cannot_be_is_none(rubbish):
 @pytest.mark.parametrize("pitch", [0.0, 0.5, -1.0])
 @pytest.mark.parametrize("roll", [0.0, 0.7, -0.7])
 def test_the_heading_rate_is_that_of_the_heading_and_not_of_the_body_axis(roll, pitch):
-    """Against the attitude itself, turned a little by the body rates: R_z(yaw) R_y(pitch) R_x(roll) exp(omega dt)."""
+    """Against the attitude itself after a small rotation by the body rates: R_z(yaw) R_y(pitch) R_x(roll) exp(omega
+    dt)."""
     q, r, dt = 0.2, 0.3, 1e-6
-    x_axis = (1.0, r * dt, -q * dt)  # where the nose points after dt, in the body's axes of before
+    x_axis = (1.0, r * dt, -q * dt)  # direction of the nose after dt, in the previous body axes
     y, z = x_axis[1] * cos(roll) - x_axis[2] * sin(roll), x_axis[1] * sin(roll) + x_axis[2] * cos(roll)
     turned = atan2(y, cos(pitch) * x_axis[0] + sin(pitch) * z)
     assert Attitude(0.0, roll, pitch, 0.0, 0.0, q, r).yaw_rate == pytest.approx(turned / dt, rel=1e-4)
 
 
 def imu(ms, force, type_="raw"):
-    """A specific force in the body frame, m/s^2, as the message that autopilots send."""
+    """A specific force in the body frame, m/s^2, in the message that autopilots send."""
     if type_ == "highres":
         return mavlink.MAVLink_highres_imu_message(1000 * ms, *force, *[0.0] * 10, 0xFFFF)
     counts = [round(value / 9.80665 * 1000) for value in force]
@@ -200,8 +201,8 @@ def imu(ms, force, type_="raw"):
 @pytest.mark.parametrize("type_", ["raw", "highres", "scaled"])
 @pytest.mark.parametrize("yaw", [0.0, 2.1])
 def test_a_coordinated_turn_to_the_right_is_felt_as_velocity_to_the_right(type_, yaw):
-    """By hand: bank .4 rad, specific force g/cos(.4) along the body's up, .5 m/s^2 more along the nose; over 1 s the
-    velocity changes by .5 m/s forward and g tan(.4) = 4.146 m/s to the right. Paper's frame: x east, y north."""
+    """Bank 0.4 rad, specific force g/cos(0.4) up in body axes and 0.5 m/s^2 along the nose. In 1 s the velocity
+    changes by 0.5 m/s forward and by g tan(0.4) = 4.146 m/s to the right. Paper's frame: x east, y north."""
     sensor = OwnMotionSensor()
     for ms in range(0, 1001, 40):
         sensor.receive(attitude(ms, yaw, roll=0.4, yawspeed=0.0), ms / 1000)

@@ -1,4 +1,4 @@
-"""Parameters by name: how numbers travel, what is asked again, what stays unknown."""
+"""Parameters by name: encoding of numbers, repeated requests, and unknown names."""
 
 import struct
 from typing import Any
@@ -11,11 +11,11 @@ from circnav_mav.mav.params import ParameterReader, parameter_value
 INT8, UINT8, INT16, INT32, REAL32 = 2, 1, 4, 6, 9
 VEHICLE = (7, 1)
 ANSWER_TIMEOUT, AT_ONCE, TRIES = 0.7, 5, 3
-"""s; ArduPilot has room for 5 answers; mavlink.md: a name it does not know is never answered."""
+"""s; ArduPilot has room for 5 answers; mavlink.md: an unknown name is never answered."""
 
 
 def frame(name: bytes, raw: bytes, kind: int) -> Any:
-    """A PARAM_VALUE built by hand: value bytes, count, index, name, type; decoded as a receiver would."""
+    """A PARAM_VALUE built by hand (value bytes, count, index, name, type) and decoded as by a receiver."""
     payload = raw + struct.pack("<HH16sB", 900, 65535, name, kind)
     head = bytes((len(payload), 0, 0, 0, 7, 1)) + (22).to_bytes(3, "little")
     crc = mavlink.x25crc(head + payload + bytes((220,))).crc  # 220: CRC_EXTRA of PARAM_VALUE
@@ -51,7 +51,7 @@ def test_px4_puts_the_bytes_of_an_integer_in_the_place_of_the_float(kind: int, r
 
 
 def test_few_are_under_way_at_a_time_and_each_answer_makes_room_a_lost_request_is_repeated() -> None:
-    """A ground station downloads all parameters on the same link: values that nobody wanted are left alone."""
+    """A ground station downloads all parameters on the same link. Values that were not requested are ignored."""
     names = [f"P{i}" for i in range(AT_ONCE + 3)]
     reader = ParameterReader(names, bytewise=False)
     assert names_asked(reader.poll(VEHICLE, 0.0)) == names[:AT_ONCE]

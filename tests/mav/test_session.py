@@ -1,4 +1,4 @@
-"""The link to one vehicle: who it is, who it is not, reboots, clocks, our own heartbeat."""
+"""The link to one vehicle: its identity, other senders, reboots, clocks, and our own heartbeat."""
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -11,7 +11,7 @@ SET_INTERVAL, REQUEST_MESSAGE = 511, 512
 
 
 class Line:
-    """A session and the voices on its line."""
+    """A session and the senders on its line."""
 
     def __init__(self, session):
         self.session, self.vehicle = session, Voice(1, 1)
@@ -26,8 +26,8 @@ class Line:
         return [message for message in self.session.poll(now) if kind in (None, message.get_type())]
 
     def answer_all(self, began, result=0):
-        """Poll and acknowledge until nothing is under way, at once and after the first measurement of the streams; the
-        commands that were sent."""
+        """Poll and acknowledge until no command is pending, at once and after the first measurement of the streams.
+        Return the commands that were sent."""
         sent = []
         for now in (began, began + 0.7):
             while commands := self.poll(now, "COMMAND_LONG"):
@@ -44,13 +44,13 @@ def line(make_session):
 
 @pytest.fixture
 def here(line):
-    """A line on which the vehicle was heard, armed in GUIDED."""
+    """A line on which the vehicle was received, armed in GUIDED."""
     here = line()
     here.beat()
     return here
 
 
-# --- whom we fly ---
+# --- the vehicle that is flown ---
 
 
 def test_the_first_vehicle_that_fits_is_pinned_under_its_system_id_and_answered_where_it_spoke(line):
@@ -69,7 +69,7 @@ def test_a_second_vehicle_and_strangers_of_its_ids_are_counted_and_move_nothing(
     here.beat(now=0.0, mode=5)
     for i in range(5):
         here.beat(now=0.1 * i, voice=other, mode=4, source="elsewhere")
-    here.beat(now=0.6, mode=4, source="elsewhere")  # of the same ids on another address
+    here.beat(now=0.6, mode=4, source="elsewhere")  # a vehicle with the same ids on another address
     here.hear(mavlink.MAVLink_statustext_message(6, b"not the autopilot"), voice=camera)
     here.hear(mavlink.MAVLink_statustext_message(6, b"forged"), source="elsewhere")
     for ms in (10_000_000, 1_000, 1_100):
@@ -152,7 +152,7 @@ def test_a_peer_that_speaks_mavlink_1_only_is_told_what_to_set_and_sent_our_mavl
     assert here.session.up
 
 
-# --- what it reports ---
+# --- reported state ---
 
 
 @pytest.mark.parametrize(
@@ -175,8 +175,8 @@ def test_the_vehicle_is_ours_when_armed_in_guided_by_its_own_heartbeat_until_it_
 @pytest.mark.parametrize(
     ("times", "reboots"),
     [
-        ([500_000, 500_100, 499_200, 499_300, 500_200], 0),  # 0.9 s back are messages that came late
-        ([500_000, 3_000, 500_300, 3_000, 3_000, 500_400], 0),  # single frames by another way, one of them twice
+        ([500_000, 500_100, 499_200, 499_300, 500_200], 0),  # 0.9 s back is a late message
+        ([500_000, 3_000, 500_300, 3_000, 3_000, 500_400], 0),  # single frames by another path, one of them twice
         ([2**32 - 200, 2**32 - 100, 0, 100], 0),  # the wrap after 49.7 days
         ([500_000, 3_000, 3_100, 3_200], 1),
     ],
@@ -202,7 +202,7 @@ def test_the_vehicles_own_texts_are_kept_the_newest_eight_and_its_version_is_rea
     assert here.session.vehicle.firmware == "4.6.3"
 
 
-# --- what we say ---
+# --- own messages ---
 
 
 def test_without_a_vehicle_nothing_but_a_heartbeat_a_second_is_said(line):
@@ -236,7 +236,7 @@ def test_a_refused_stream_is_not_asked_for_again(here):
 
 def test_timesync_requests_are_answered_with_our_clock_when_heard_and_theirs_mirrored(here):
     here.hear(mavlink.MAVLink_timesync_message(0, 123_456_789_012), now=2.0)
-    here.hear(mavlink.MAVLink_timesync_message(55, 66), now=2.0)  # somebody's answer, no request
+    here.hear(mavlink.MAVLink_timesync_message(55, 66), now=2.0)  # an answer to another sender, no request
     replies = [message for message in here.poll(2.04, "TIMESYNC") if message.tc1]
     assert [(reply.tc1, reply.ts1) for reply in replies] == [(2_000_000_000, 123_456_789_012)]
     assert [message for message in here.poll(2.1, "TIMESYNC") if message.tc1] == []

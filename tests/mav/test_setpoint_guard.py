@@ -1,4 +1,4 @@
-"""The choke point: what may not leave, raises."""
+"""The last check before sending: a forbidden message raises an exception."""
 
 import math
 from dataclasses import replace
@@ -67,7 +67,7 @@ def test_any_turn_within_the_limits_passes_at_once():
     assert [guard.admit(one, 0.001 * i) for i, one in enumerate(wanted)] == wanted
 
 
-# --- what each kind of message may ask for ---
+# --- limits of each kind of message ---
 
 ALL = Limits(max_yaw_rate=0.35, max_speed=15.0, max_bank=0.7)
 VELOCITY = [("ardupilot", "copter"), ("ardupilot", "rover"), ("px4", "copter")]
@@ -76,7 +76,7 @@ STICK = [("px4", "plane")]
 
 
 def passes(key, limits=ALL, **fields):
-    """Whether an adapter's own message passes with some fields changed; only the limits may stop it."""
+    """True if an adapter's own message passes with some fields changed. Only the limits may stop it."""
     adapter = AUTOPILOTS[key](VehicleFacts(speed=15.0))
     message = adapter.setpoint(steer(), FOR, 1.0)
     for name, value in fields.items():
@@ -100,7 +100,7 @@ BOUNDS = (
     (VELOCITY + ATTITUDE, "target_system", [1], [0]),  # 0 is every vehicle behind the endpoint
     (ATTITUDE, "thrust", [0.0, 1.0], [-0.001, 1.001]),
     (ATTITUDE, "q", [(1.0, 0.0, 0.0, 0.0)], [(0.0, 0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0), (0.5, 0.0, 0.0, 0.5)]),
-    (STICK, "x", [0], [1, -1]),  # height is the autopilot's business
+    (STICK, "x", [0], [1, -1]),  # the autopilot controls the height
     (STICK, "y", [1000, -1000], [1001, -1001]),
     (STICK, "z", [0, 1000], [-1, 1001]),
     (STICK, "r", [0], [1, -1]),

@@ -1,4 +1,4 @@
-"""Signatures against pymavlink's own, both ways; what moves the timestamps, and what does not; and signed links."""
+"""Signatures against pymavlink's own in both directions, changes of the timestamps, and signed links."""
 
 import pytest
 from hypothesis import given
@@ -88,7 +88,8 @@ def test_a_forged_timestamp_of_the_future_locks_the_real_sender_out_neither_befo
 
 
 def test_a_true_timestamp_of_the_future_is_followed_and_locks_nobody_out():
-    """One holder of the key has a wrong clock: those known go on, a new one is heard once he has heard us."""
+    """One holder of the key has a wrong clock. Senders received before continue, and a new sender is accepted after
+    it has received our timestamp."""
     vehicle, station, radio = peer(), peer(system=255, timestamp=NOW + 60 * MINUTE), peer(component=192)
     signing = Signing(KEY, timestamp=NOW)
     assert signing.check(said(vehicle)) is None
@@ -128,7 +129,7 @@ def test_a_key_has_32_bytes_and_is_not_printed(key):
     assert repr(KEY) not in repr(Signing(KEY))
 
 
-# --- through the decoder and the pilot: what is believed, counted, logged and told ---
+# --- through the decoder and the pilot: accepted, counted, logged and reported frames ---
 
 
 def believing(**options):
@@ -210,7 +211,8 @@ def test_an_echo_of_our_signed_frames_is_no_twin():
 
 
 def test_a_vehicle_whose_clock_is_hours_behind_is_greeted_takes_our_time_over_and_is_heard():
-    """An autopilot without GPS begins where it last ended. We wait on a port, and know nobody to speak to yet."""
+    """An autopilot without GPS starts at its last timestamp. The pilot waits on a port and has no peer to send to
+    yet."""
     pilot, vehicle = pilot_with(), peer(timestamp=NOW - 120 * MINUTE)
     beat(pilot, vehicle, source="vehicle's address")
     assert not pilot.session.up

@@ -1,4 +1,4 @@
-"""What ground stations are told, and how often."""
+"""Texts and values for ground stations, and their rates."""
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -22,7 +22,7 @@ def test_a_text_goes_out_at_once_its_kind_once_in_two_seconds_and_the_newest_is_
 
 
 def on_the_wire(messages, system=1, component=191):
-    """As a receiver decodes them."""
+    """Return the messages as a receiver decodes them."""
     sender, receiver = mavlink.MAVLink(None, system, component), mavlink.MAVLink(None)
     return [receiver.decode(bytearray(message.pack(sender))) for message in messages]
 
@@ -61,7 +61,7 @@ def test_chunks_are_put_together_by_sender_and_a_lost_one_costs_the_rest(announc
 
 
 def test_numbers_to_plot_come_at_four_hertz_with_their_names_and_our_clock(announcer):
-    """What no graph can show is left out."""
+    """Values that no graph can show are omitted."""
     assert announcer.plots({}, 0.0) == []
     wild = {"CN_RNG": 101.5, "CN_RRATE": 3.5e38, "CN_ERR": float("nan"), "CN_YRATE": float("inf")}
     sent = [(now, messages) for i in range(200) if (messages := announcer.plots(wild, now := i / 20))]
@@ -72,6 +72,7 @@ def test_numbers_to_plot_come_at_four_hertz_with_their_names_and_our_clock(annou
 
 
 def test_a_text_of_others_obeys_no_terminal():
-    """ESC, BEL and the C1 controls command one; U+202E turns what follows round; C ends a text at its zero."""
+    """ESC, BEL and the C1 controls command a terminal, and U+202E reverses the text after it. C ends a text at its
+    zero."""
     assert plain_text("PreArm: \x1b[2J\x07ok\0\x1b") == r"PreArm: \x1b[2J\x07ok"
     assert plain_text("a\x9b31m\u202eb\r\n") == r"a\x9b31m\u202eb\r\n"

@@ -1,4 +1,4 @@
-"""How long a question and its answer take: what counts, and when is asked again."""
+"""Round-trip time of a question and its answer: accepted answers, and the times of the questions."""
 
 from itertools import pairwise
 
@@ -8,7 +8,7 @@ from circnav_mav.mav.clocks import Timesync
 
 
 def ask_and_answer(timesync, since, trips):
-    """Poll at 20 Hz for 20 s; every question is answered after the next of the trips, a None never."""
+    """Poll at 20 Hz for 20 s. Each question is answered after the next of the trips (s), or never if that is None."""
     due, trips = [], list(trips)
     for i in range(400):
         now = since + i / 20
@@ -22,7 +22,7 @@ def ask_and_answer(timesync, since, trips):
 
 
 def asked(timesync, since, until):
-    """When it asks, polled at 20 Hz and not answered."""
+    """Return the times of its questions, polled at 20 Hz without answers."""
     return [i / 20 for i in range(round(since * 20), round(until * 20)) if timesync.poll(i / 20)]
 
 
@@ -43,7 +43,7 @@ def test_the_round_trip_is_the_median_of_the_newest_five():
 @pytest.mark.parametrize(
     ("answers", "trips"),
     [
-        ([(1, 1.1), (0, 1.3), (0, 3.0)], [0.3]),  # to somebody else's question, to ours, to ours once more
+        ([(1, 1.1), (0, 1.3), (0, 3.0)], [0.3]),  # to another sender's question, to ours, to ours again
         ([(0, 200.0)], []),  # minutes late
     ],
 )

@@ -1,4 +1,4 @@
-"""A small mission, and a way to spoil it."""
+"""A small mission, and changes that break it."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -23,5 +23,5 @@ def mission() -> Callable[..., Mission]:
 
 @pytest.fixture
 def config() -> Path:
-    """The folder of the mission files that ship."""
+    """The folder of the bundled mission files."""
     return Path(__file__).parents[2] / "config"

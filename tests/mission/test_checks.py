@@ -1,4 +1,4 @@
-"""`check`: each line's grade turns where its bound stands. Numbers by hand at V = 15 m/s, r_d = 100 m."""
+"""`check`: the grade of each line changes at its documented bound. Numbers by hand at V = 15 m/s, r_d = 100 m."""
 
 import re
 from math import degrees
@@ -66,7 +66,7 @@ BOUNDS = [
     # a = (15^2/100 + 15 * 0.349)/3 = 2.5 m/s^2 and T = 0.1 s: 2.8 m/s at 200 m, 5.0 at 2000 m, 7.6 at 11 km
     ("rate error", "ranging.sigma_m=200.0", PASS), ("rate error", "ranging.sigma_m=2000.0", WARN),
     ("rate error", "ranging.sigma_m=11000.0", FAIL),
-    # 2 k r_d V = 0.3 a second, times the lags of turn and filter: limit cycles from 0.45 on, refused at four times
+    # 2 k r_d V = 0.3/s, times the lags of turn and filter: limit cycles from 0.45 on, refused at four times that
     ("damping", lag(0.5), PASS), ("damping", lag(1.7), WARN), ("damping", lag(4.5), WARN), ("damping", lag(7.0), FAIL),
     ("damping", "vehicle.turn_lag_s=0.8", PASS),
     # growth sqrt(1 + (h/r)^2): 1.5 at 111.8 m, 5 at 489.9 m
@@ -76,7 +76,7 @@ BOUNDS = [
     ("height", f"orbit.height_above_target_m=489 {BEACON}", WARN),
     ("height", f"orbit.height_above_target_m=491 {BEACON}", FAIL),
     ("height", "orbit.target_altitude_m=500", PASS), ("height", "orbit.target_above_home_m=-3", PASS),
-    # a tenth of the circle of 100 m is the room that it should have
+    # the reserve should be a tenth of the circle of 100 m
     ("bounds", "bounds.max_range_m=99", FAIL), ("bounds", "bounds.max_range_m=109", WARN),
     ("bounds", "bounds.max_range_m=111", PASS), ("bounds", "bounds.min_range_m=101", FAIL),
     ("bounds", "bounds.min_range_m=92", WARN), ("bounds", "bounds.min_range_m=90", PASS),
@@ -97,7 +97,7 @@ SENT_TYPES = [
      "steady radius 10.987 m, desired 10 m; set guidance.correct_radius = true to correct it"),
     ("radius", "orbit.radius_m=10.0 guidance.gain=0.01 vehicle.speed_mps=1.0", PASS,
      "steady radius 10.000 m, desired 10 m"),
-    # 9.80665 tan(45 deg)/15 = 37.46 deg/s, of which a plane that slips reaches .72
+    # 9.80665 tan(45 deg)/15 = 37.46 deg/s, of which a plane that slips reaches 0.72
     ("turn rate", " ".join([*PLANE, "vehicle.max_turn_rate_deg_s=90"]), PASS,
      "the circle needs 8.59 deg/s of the vehicle's 26.97 deg/s (32 %, must stay below 100 %): turn gain 0.72 "
      "at a command of 37.46 deg/s"),
@@ -116,7 +116,7 @@ SENT_TYPES = [
     ("ranging", BEACON, WARN,
      "ArduPilot and PX4 do not forward RANGING_BEACON: set ranging.endpoint, unless the radio "
      "itself sends to link.endpoint"),
-    ("exit", "vehicle.autopilot=auto exit.action=brake", FAIL,  # of the two copters only ArduPilot's brakes
+    ("exit", "vehicle.autopilot=auto exit.action=brake", FAIL,  # of the two copters, only ArduPilot's has a brake mode
      "px4 copter has no exit action brake: choose loiter, rtl, land, hold"),
     ("signing", SIGNED, PASS,
      "frames are signed, and accepted only if signed with our key"),
@@ -133,7 +133,7 @@ SENT_TYPES = [
      "udpin:0.0.0.0:14550 accepts 10.0.0.5 only"),
     ("peer", "link.endpoint=tcp:10.0.0.5:5760 link.peer=10.0.0.5", WARN,
      "link.peer has no effect: only udpin receives from more than one address"),
-    # it loiters after 3 s, banking hard; a copter brakes
+    # a plane loiters after 3 s with a steep bank; a copter brakes
     ("exit", " ".join([*PLANE, "exit.action=stop"]), FAIL,
      "a plane that stays in GUIDED loiters 3 s later, banking hard at once: exit.action must command a mode, choose "
      "loiter, rtl, hold"),
@@ -149,7 +149,7 @@ def test_a_line_has_the_number_its_bound_and_the_remedy(mission, subject, overri
 @pytest.mark.parametrize(
     ("subject", "overrides"),
     [
-        ("radius", "guidance.gain=4e-5"),  # an impossible gain has none
+        ("radius", "guidance.gain=4e-5"),  # an impossible gain gives no radius
         ("switching", "guidance.law=smooth"),
         ("height cost", "orbit.target_altitude_m=500"),
         ("height cost", "orbit.target_above_home_m=-3"),
@@ -172,7 +172,7 @@ def test_nothing_is_said_where_there_is_nothing_to_say(mission, subject, overrid
 
 
 def test_keys_of_an_earlier_version_load_without_effect_and_are_named_in_one_line(mission):
-    """Old mission files keep flying, and their owner learns what is used instead."""
+    """Old mission files keep flying, and the output names the keys that replace the old ones."""
     line = only(mission, "keys", "vehicle.loops.max_pitch_deg=11.0", "guidance.gate_sigma=4.0", "limits.hold_s=10.0")
     assert line.grade is WARN
     assert line.text == (
@@ -186,13 +186,13 @@ def test_keys_of_an_earlier_version_load_without_effect_and_are_named_in_one_lin
     ("gain", "trim", "told"), [(0.0117, 0.05, [WARN]), (0.0118, 0.05, []), (0.0117, 0.0, []), (0.0099, 0.05, [])]
 )
 def test_a_gain_that_does_not_do_for_the_whole_trim_of_the_radius_is_told(mission, gain, trim, told):
-    """A trim of 15 % leaves 85 m: 1/r_d = 0.01176. One that does not do for 100 m is told as that."""
+    """A trim of 15 % leaves 85 m: 1/r_d = 0.01176. A gain that is too low for 100 m is reported as such."""
     overrides = ("guidance.law=bounded", f"guidance.gain={gain}", f"guidance.radius_trim_per_s={trim}")
     assert [line.grade for line in lines(mission, "trim", *overrides)] == told
 
 
 def test_a_gain_far_below_the_default_hardly_turns(mission):
-    """V = 15 m/s and lags of about .4 and .6 s: k near .5/15."""
+    """V = 15 m/s and lags of about 0.4 and 0.6 s: k near 0.5/15."""
     line = only(mission, "gain", "guidance.law=feedforward", "guidance.gain=0.002")
     assert line.grade is WARN and "with this gain the vehicle hardly turns" in line.text
     assert only(mission, "gain", "guidance.law=feedforward", "guidance.gain=0.01").grade is PASS
@@ -212,7 +212,8 @@ def test_a_default_gain_is_lowered_for_a_vehicle_that_turns_late_but_stays_above
 
 @pytest.mark.parametrize(("bound", "height", "told"), [(650, 0, False), (660, 0, True), (650, 100, True)])
 def test_a_bound_beyond_the_farthest_range_is_told(mission, bound, height, told):
-    """DISTANCE_SENSOR ends at a slant range of 655.34 m; 650 m and 100 m up are 657.6 m."""
+    """DISTANCE_SENSOR ends at a slant range of 655.34 m. A horizontal range of 650 m and a height of 100 m give
+    657.6 m."""
     found = lines(mission, "bounds", f"bounds.max_range_m={bound}", f"orbit.height_above_target_m={height}")
     assert [line.grade for line in found] == [PASS, WARN][: 1 + told]
 
@@ -220,7 +221,7 @@ def test_a_bound_beyond_the_farthest_range_is_told(mission, bound, height, told)
 @pytest.mark.parametrize("leaves_it", ["exit.action=stop", "engage.on_takeover=wait"])
 @pytest.mark.parametrize(("autopilot", "remedy"), [("px4", '"end"'), ("auto", ', or vehicle.autopilot "ardupilot"')])
 def test_a_px4_is_left_in_no_mode_to_which_it_would_return_by_itself(mission, leaves_it, autopilot, remedy):
-    """It is back in OFFBOARD as soon as setpoints resume. With "auto", it may be a PX4 that is heard."""
+    """It returns to OFFBOARD as soon as setpoints resume. With "auto", the vehicle may be a PX4."""
     line = only(mission, "exit", f"vehicle.autopilot={autopilot}", leaves_it)
     assert line.grade is FAIL and line.text.endswith(remedy)
 
@@ -232,8 +233,8 @@ def test_a_copter_cannot_be_engaged_on_an_estimator_that_must_see_it_move_first(
 
 
 def test_the_settling_time_is_that_of_the_shortest_tangent_and_is_not_promised_for_a_law(mission):
-    """500 m from a circle of 100 m at the worst heading, the Dubins path to the tangent point takes 42.1 s. Feedforward
-    closes in at 0.55 V at most, which takes it 400/8.25 = 48 s for the straight way alone."""
+    """500 m from a circle of 100 m, with the worst heading, the Dubins path to the tangent point takes 42.1 s.
+    Feedforward closes in at 0.55 V or less, so the direct way alone takes 400/8.25 = 48 s."""
     line = only(mission, "settling", "guidance.law=feedforward")
     assert float(re.search(r"about (\d+) s", line.text)[1]) == pytest.approx(42.1, abs=1.5)
     assert "at most" not in line.text
@@ -245,7 +246,7 @@ TIGHT = ("guidance.law=auto", *PLANE, "vehicle.turn_lag_s=0.5", "vehicle.max_tur
 
 @pytest.mark.parametrize(("radius", "grade"), [(60, WARN), (68, PASS), (150, PASS)])
 def test_a_circle_on_which_the_loop_has_too_little_margin_warns_and_names_one_that_holds(mission, radius, grade):
-    """60 m at 15 m/s swung in 5 m/s of wind on firmware, where the geometry allows 5.6 m/s."""
+    """60 m at 15 m/s oscillated in 5 m/s of wind on firmware, where the geometry allows 5.6 m/s."""
     line = only(mission, "margin", *TIGHT, f"orbit.radius_m={radius}")
     assert line.grade is grade
     assert ("a radius of 65 m suffices for up to 5.0 m/s" in line.text) == (radius == 60)

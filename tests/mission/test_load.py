@@ -1,4 +1,4 @@
-"""Mission files: what they mean, and the one line for each way to get them wrong."""
+"""Mission files: their meaning, and one line for each mistake."""
 
 import json
 import tomllib
@@ -22,7 +22,7 @@ CONFIG = sorted((Path(__file__).parents[2] / "config").glob("*.toml"))
 
 
 def refusal(text, *overrides):
-    """The line that a person gets; it is one line."""
+    """Return the error message, which is one line."""
     with pytest.raises(MissionError) as caught:
         parse_mission(text, "m.toml", overrides)
     line = str(caught.value)
@@ -48,7 +48,7 @@ def test_the_papers_examples_carry_the_papers_numbers(config, example, law, k, c
     assert random == {"north_m": [0.0, 10.0], "east_m": [0.0, 10.0], "heading_deg": [0.0, 360.0]}
 
 
-# --- what a file means ---
+# --- meaning of a file ---
 
 
 def test_degrees_become_radians_here(mission):
@@ -116,7 +116,7 @@ def test_a_gain_left_out_is_the_laws_default(mission, law, default):
 
 
 def test_gains_count_on_a_measured_rate_only_where_nothing_flies_without(mission):
-    """A rate that is dropped in flight leaves the filter's lag, for which the gain must do."""
+    """If the rate is dropped in flight, the filter's lag returns. The gain must allow for this."""
     keys = ["guidance.law=feedforward", "ranging.message=named_value_float"]
     rate = ["ranging.rate_name=RR", "ranging.rate_sign=closing"]
     alone, beside = mission(*keys), mission(*keys, *rate)
@@ -162,7 +162,7 @@ def test_what_a_file_does_not_ask_for_is_left_to_the_operator(mission):
 
 
 def test_an_override_counts_like_the_file_and_is_written_down(mission):
-    """It may open a table, and of two the last counts."""
+    """It may open a table. The last of two overrides counts."""
     changed = mission(
         "engage.request_mode=true", "orbit.radius_m=90", "orbit.radius_m=80", "orbit.direction=counterclockwise"
     )
@@ -224,7 +224,7 @@ KEYS = [*keys_of(MissionFile), *(f"sim.{key}" for key in keys_of(VehicleConfig))
 )
 @example("", [("orbit.radius_m", "[1, " + 5000 * "9" + "]")])
 def test_any_text_gives_a_mission_or_one_line_that_names_the_file(text, changes):
-    """Whole or spoiled files, each with overrides of any kind, up to the settings of pilot and bundled vehicle."""
+    """Valid or damaged files with overrides of any kind, up to the settings of pilot and bundled vehicle."""
     overrides = [f"{key}={value}" for key, value in changes]
     for whole in (text, TEXT + text):
         try:
@@ -363,7 +363,7 @@ def test_a_campaign_file_is_known_as_one(config):
     "override", ["vehicle.loops.trim_thrust=0.5", "vehicle.speed_mps=14.0", "bounds.max_range_m=200.0"]
 )
 def test_a_mission_in_dotted_keys_is_written_down_as_it_is_flown(text, override):
-    """tomlkit puts a table of a table in front of them all, where it swallows the rest."""
+    """tomlkit puts a nested table in front of all dotted keys, where it captures the rest."""
     tables = {name: keys for name, keys in tomllib.loads(text).items() if name != "name"}
     dotted = [f"{name}.{key} = {json.dumps(value)}" for name, keys in tables.items() for key, value in keys.items()]
     flown = parse_mission("\n".join(['name = "small"', *dotted]), "dotted.toml", [override])
@@ -383,7 +383,7 @@ def test_a_mission_in_dotted_keys_is_written_down_as_it_is_flown(text, override)
     ],
 )
 def test_a_key_is_told_from_the_folder_of_the_mission_from_home_or_from_the_root(text, tmp_path, given, meant):
-    """And written down whole, so that the mission as flown can be flown again out of its run folder."""
+    """The saved mission has absolute paths, so that it can be flown again from its run folder."""
     path, meant = tmp_path / "small.toml", meant.format(folder=tmp_path, home=Path.home())
     path.write_text(f'{text}[signing]\nkey_file = "{given}"\n[sim.signing]\nkey_file = "{given}"\n')
     flown = load_mission(path)
@@ -401,7 +401,7 @@ def test_a_key_is_told_from_the_folder_of_the_mission_from_home_or_from_the_root
             "signing.key_file=k signing.key=00",
             "signing.key: unknown key, keys of this table: key_file, accept_unsigned",
         ),
-        ("signing.key_file=", "signing.key_file: "),  # not taken for the folder of the mission
+        ("signing.key_file=", "signing.key_file: "),  # not resolved to the folder of the mission
         ("signing=drone.key", "signing: must be a table"),
     ],
 )

@@ -1,4 +1,5 @@
-"""What may be sent to a vehicle that nobody took: on the ground, over a slow link, after a stall, in a dry run."""
+"""Setpoints to a vehicle that was not handed over: none on the ground, over a slow link, after a stall or in a dry
+run."""
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -13,7 +14,7 @@ IN_AIR = 2
 
 
 def commanded(rig: Rig, since: float = -1.0) -> list:
-    """Setpoints and mode requests."""
+    """Return the setpoints and mode requests."""
     return rig.setpoints(since) + rig.commands(SET_MODE, since)
 
 
@@ -34,7 +35,7 @@ def test_nothing_is_commanded_in_another_mode_and_no_mode_asked_for_unless_the_m
 @pytest.mark.parametrize(
     ("state", "seconds", "waits_for", "then"),
     [
-        # a disarmed aircraft does not fly, whatever it does not say
+        # a disarmed aircraft does not fly, even without a landed state
         ({"armed": False}, 5.0, NOT_ARMED, {"armed": True}),
         ({"armed": False, "landed_state": None}, 6.0, NOT_ARMED, {"armed": True}),
         ({"armed": False, "landed_state": 0}, 6.0, NOT_ARMED, {"armed": True}),
@@ -42,12 +43,12 @@ def test_nothing_is_commanded_in_another_mode_and_no_mode_asked_for_unless_the_m
         ({"landed_state": 1}, 4.0, ON_GROUND, {"landed_state": IN_AIR}),
         ({"landed_state": 3}, 4.0, ON_GROUND, {"landed_state": IN_AIR}),
         ({"landed_state": 4}, 4.0, ON_GROUND, {"landed_state": IN_AIR}),
-        # one that never tells is given a moment and then believed; so is one that says MAV_LANDED_STATE_UNDEFINED, as
-        # PX4 does until its land detector runs
+        # without a landed state, the vehicle counts as flying after a moment; so does MAV_LANDED_STATE_UNDEFINED, which
+        # PX4 sends until its land detector runs
         ({"landed_state": None}, 1.5, UNTOLD, {}),
         ({"landed_state": 0}, 1.5, UNTOLD, {}),
         ({"round_trip": None}, 9.0, MEASURING, {}),
-        # a very slow link is not taken for one without answers
+        # a very slow link does not count as one without answers
         ({"round_trip": 0.8}, 10.0, SLOW.format("0.80"), {"round_trip": 0.1}),
         ({"round_trip": 3.5}, 25.0, SLOW.format("3.50"), {"round_trip": 0.1}),
         ({"round_trip": 9.0}, 25.0, SLOW.format("9.00"), {"round_trip": 0.1}),
@@ -87,7 +88,7 @@ def test_streams_that_the_vehicle_denies_are_asked_for_once_and_named_when_the_f
 
 
 def test_after_a_stall_nothing_is_commanded_until_the_vehicle_is_heard_anew(rig):
-    """Stopped for two seconds: what waited in the buffers is stale, the operator may have taken over meanwhile."""
+    """The loop stopped for 2 s. Frames in the buffers are stale, because the operator may have taken over meanwhile."""
     rig.engage().pass_time(2.0)
     rig.heartbeat()
     rig.range()

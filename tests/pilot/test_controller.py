@@ -1,5 +1,5 @@
-"""When a vehicle counts as flying at the commanded speed (a copter is believed to fly at V only then), and what its
-radius error adds up to."""
+"""Detection that the vehicle flies at the commanded speed, and the integral of its radius error. Only a copter at
+speed is assumed to fly at V."""
 
 import pytest
 
@@ -16,7 +16,7 @@ from tests.small_mission import TEXT
 COMMANDED = TurnRate(-0.2)
 STEP = 0.05
 SPEED_UP, UNRESPONSIVE_BELOW, GAP = 2.5, 1.0, 1.0
-"""Times, s: of turning as commanded until it counts as fast, of not doing so until it counts as deaf, and between two
+"""Times, s: turning as commanded until it counts as fast, not turning until it counts as deaf, and between two
 reports after which it may have stopped."""
 
 
@@ -33,7 +33,7 @@ class Vehicle:
         self.controller.commanded(sent, 0.0)
 
     def turns(self, seconds, rate):
-        """Report the heading while it turns at a rate (rad/s); whether it was at speed at each report."""
+        """Report the heading while it turns at a rate (rad/s). Return whether it was at speed at each report."""
         seen = []
         for _ in range(round(seconds / STEP)):
             self.now, self.heading = self.now + STEP, self.heading + rate * STEP
@@ -43,7 +43,7 @@ class Vehicle:
         return seen
 
     def demanded(self, time, r):
-        """What the law asks for on a path round the target at a range (m), rad/s."""
+        """Return the turn rate (rad/s) that the law demands on a path around the target at a range (m)."""
         return self.controller.command(Phase.ENGAGED, RangeEstimate(time, r, 0.0, 0.1, 0.1), None, time).demanded
 
 
@@ -72,8 +72,8 @@ def test_a_vehicle_is_at_speed_once_it_has_turned_as_commanded_for_long_enough(b
 
 
 def test_a_moment_of_not_following_costs_no_more_than_the_moment():
-    """A reversed turn takes less than it takes to count as deaf; the vehicle does not stop for it. A shorter one costs
-    nothing."""
+    """Reversing a turn takes less time than counting as deaf, and the vehicle does not stop meanwhile. A shorter
+    pause has no effect."""
     vehicle = Vehicle()
     vehicle.turns(30.0, COMMANDED)
     assert all([*vehicle.turns(1.3, 0.0), *vehicle.turns(10.0, COMMANDED)])
@@ -98,7 +98,7 @@ def test_the_spacing_of_a_fleet_leaves_the_circle_and_its_changes_by_the_operato
     base = controller.circle
     assert controller.change_circle(CircleRequest(offset=5.0, pace=1.0, by="fleet"), 1.0) == ""
     assert (controller.circle, controller.orbit.radius) == (base, base.radius + 5.0)
-    # The operator is not made to wait for the fleet, and the offset stays.
+    # The operator does not have to wait for the fleet, and the offset stays.
     assert controller.change_circle(CircleRequest(radius=base.radius + 30.0, by="operator"), 1.01) == ""
     assert (controller.circle.radius, controller.orbit.radius) == (base.radius + 30.0, base.radius + 35.0)
     assert controller.change_circle(CircleRequest(offset=0.0, by="fleet"), 1.2) == ""

@@ -1,4 +1,5 @@
-"""The setpoint that the vehicle reports against those sent: whose it is, whatever link and autopilot do to it."""
+"""The setpoint reported by the vehicle against those sent: its origin is found despite the effects of link and
+autopilot."""
 
 from math import cos, sin
 
@@ -10,7 +11,8 @@ TICK = 0.05
 
 
 def watched(ours, reported, *, seconds=20.0, rate=4, limited=False, trip=0.0, sends=lambda now: True):
-    """Whether another's turn was found, and when it was first, s. ours, reported: of the time."""
+    """Return the time (s) at which another sender's turn was first found, or None. ours, reported: turn rate by
+    time."""
     watch, found = EchoWatch(), None
     for step in range(round(seconds / TICK)):
         now = step * TICK
@@ -59,5 +61,5 @@ def test_where_we_send_nothing_or_have_just_begun_the_vehicle_flies_what_it_like
 
 
 def test_a_smooth_turn_that_two_circnavs_on_one_circle_would_both_send_is_not_told_from_ours():
-    """What docs/safety.md says: it does no harm."""
+    """docs/safety.md: such a sender does no harm."""
     assert watched(weaving, lambda now: weaving(now) + 0.02 * cos(now)) is None

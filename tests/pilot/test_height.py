@@ -1,4 +1,4 @@
-"""The height above the target: what the mission tells of it, and what the vehicle's altitude makes of that."""
+"""The height above the target, from the mission and the vehicle's altitude."""
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -21,7 +21,7 @@ def home(altitude, latitude=473_000_000, x=0.0):
 
 
 class Climb:
-    """A height that hears an altitude five times a second."""
+    """A height that receives an altitude five times a second."""
 
     def __init__(self, settings):
         self.height, self.now = Height(settings), 0.0
@@ -33,14 +33,14 @@ class Climb:
 
 
 def test_the_height_told_is_that_at_the_engagement_and_changes_with_the_altitude_from_then_on():
-    """Whatever was flown before, 60 m is the height at which the vehicle was taken."""
+    """Earlier altitudes have no effect: 60 m is the height at which the vehicle was engaged."""
     climb = Climb(TOLD)
     assert [climb.at(100.0), climb.at(103.0)] == [60.0, 60.0]
     climb.height.engage()
     assert [climb.at(105.0), climb.at(107.5), climb.at(104.0)] == [60.0, 62.5, 59.0]
-    climb.height.engage()  # the operator has had it, and gives it back higher up
+    climb.height.engage()  # the operator took over and hands the vehicle back higher up
     assert climb.at(108.0) == 63.0
-    climb.now += 3.0  # a fast descent that was not heard for a while is no jump
+    climb.now += 3.0  # a fast descent during a gap in the reports is no jump
     assert climb.at(78.0) == 33.0
 
 
@@ -73,7 +73,7 @@ def test_in_flight_the_last_height_holds_when_no_altitude_comes_and_that_is_an_a
 
 
 def test_an_altitude_that_jumps_in_flight_is_no_height_and_a_glitch_leaves_nothing():
-    """4 m in 0.2 s are 20 m/s, 5 m count as a jump: no vehicle climbs so, a reset estimate does."""
+    """4 m in 0.2 s are 20 m/s, and 5 m count as a jump. No vehicle climbs that fast, but a reset estimate jumps."""
     climb = Climb(ABSOLUTE)
     assert [climb.at(0.0), climb.at(530.0)] == [-500.0, 30.0]  # its home is set on the ground
     climb.height.engage()
@@ -84,7 +84,8 @@ def test_an_altitude_that_jumps_in_flight_is_no_height_and_a_glitch_leaves_nothi
 
 
 def test_an_altitude_that_jumps_and_comes_back_by_and_by_is_the_height_again():
-    """ArduPlane 4.6.3 in turbulence: -5.2 m in 0.2 s, and back within 2 s. Kept for a jump, it flew 2 m too wide."""
+    """ArduPlane 4.6.3 in turbulence: -5.2 m in 0.2 s, and back within 2 s. When this counted as a jump, it flew 2 m
+    too wide."""
     climb = Climb(ABSOLUTE)
     climb.height.engage()
     assert [climb.at(573.0), climb.at(567.8)] == [73.0, 73.0]
@@ -95,7 +96,7 @@ def test_an_altitude_that_jumps_and_comes_back_by_and_by_is_the_height_again():
 
 
 def test_of_home_only_the_altitude_is_read(make_rig):
-    """The UAV is GPS-denied: where home is may not reach the guidance."""
+    """The UAV is GPS-denied: the home position must not reach the guidance."""
     rigs = [make_rig(height=FROM_HOME), make_rig(height=FROM_HOME)]
     for rig, place in zip(rigs, ((473_000_000, 0.0), (-10_000_000, 1e6)), strict=True):
 

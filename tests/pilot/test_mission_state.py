@@ -1,4 +1,4 @@
-"""The phase table: what no order of events may ever do."""
+"""The phase table: forbidden transitions in any order of events."""
 
 import pytest
 from hypothesis import given
@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from circnav_mav.pilot.mission_state import STEERING, Event, Phase, advance
 
 OURS = {Phase.WAIT_RANGING, Phase.READY, *STEERING}
-"""Where a vehicle that was engaged may still be in our mode."""
+"""Phases in which an engaged vehicle may still be in our mode."""
 
 
 def reachable(start, allowed):
-    """Phases that some order of the allowed events reaches."""
+    """Return the phases that some order of the allowed events reaches."""
     found, edge = {start}, [start]
     while edge:
         phase = edge.pop()

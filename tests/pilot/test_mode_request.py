@@ -1,4 +1,5 @@
-"""Asking for the guided mode before the flight and for the exit action after it, and a failed pilot's last words."""
+"""Requests for the guided mode before the flight and for the exit action after it, and the last frames of a failed
+pilot."""
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -11,7 +12,7 @@ SET_MODE = 176
 
 
 def asked(mode: int = LOITER, **settings) -> Rig:
-    """A rig whose vehicle has just been asked for the guided mode for the first time."""
+    """Return a rig that has just sent its first request for the guided mode."""
     rig = Rig(request_mode=True, **settings)
     while not rig.commands(SET_MODE):
         rig.run(0.05, mode=mode)
@@ -19,19 +20,19 @@ def asked(mode: int = LOITER, **settings) -> Rig:
 
 
 def interrupted(exit: str = "rtl") -> tuple[Rig, float]:
-    """A rig that flew and was interrupted, and when."""
+    """Return a rig that flew and was interrupted, and the time of the interrupt."""
     rig = Rig(exit=exit).engage()
     rig.pilot.interrupt(rig.now, "SIGINT")
     return rig, rig.now
 
 
 def modes(rig: Rig, since: float) -> list[float]:
-    """The modes asked for since."""
+    """Return the modes requested since a time."""
     return [message.param2 for message in rig.commands(SET_MODE, since)]
 
 
 def safe(rig: Rig, since: float) -> bool:
-    """Whether setpoints were sent since, and none but the safe one."""
+    """True if setpoints were sent since a time, and only the safe one."""
     return {message.vx for message in rig.setpoints(since)} == {0.0}
 
 
@@ -73,7 +74,7 @@ def test_a_mode_that_is_asked_for_in_vain_ends_the_mission(acknowledged, why, co
 
 
 def test_a_mode_that_was_reached_and_left_before_the_engagement_is_not_asked_for_again():
-    """The ranges had gone when it was reached."""
+    """The ranges had stopped when the mode was reached."""
     rig = asked()
     assert rig.run(1.0, ranges=False).pilot.mission.phase is Phase.WAIT_RANGING
     since = rig.run(0.5, mode=GUIDED).now
@@ -111,7 +112,7 @@ def test_a_vehicle_that_entered_the_guided_mode_at_our_request_is_given_back_als
 
 
 def test_a_command_that_waits_when_the_link_is_lost_is_not_sent_to_whoever_comes_back():
-    """A mode request still unanswered: the vehicle that comes back may be in the operator's hands."""
+    """A mode request is still unanswered: the vehicle that returns may be in the operator's hands."""
     rig = Rig(request_mode=True).run(3.0, mode=LOITER, ranges=False)
     rig.run(1.8, speaks=False).run(1.5, ranges=True)
     assert rig.pilot.mission.phase is Phase.WAIT_LINK
@@ -211,7 +212,7 @@ def test_an_exit_action_due_in_a_stall_waits_for_the_heartbeat_that_proves_the_m
 
 
 def test_an_exit_action_that_a_stall_cut_off_is_asked_for_again_as_soon_as_the_mode_is_known_and_not_for_ever():
-    """What was dropped before its answer was no try."""
+    """A request that is dropped before its answer does not count as a try."""
     rig, since = interrupted("brake")
     for _ in range(7):
         assert modes(rig.run(1.0), since)
@@ -221,7 +222,7 @@ def test_an_exit_action_that_a_stall_cut_off_is_asked_for_again_as_soon_as_the_m
     assert rig.pilot.mission.outcome.reason == "SIGINT; exit action brake had no effect"
 
 
-# --- last words ---
+# --- last frames ---
 
 
 def last_frames(rig: Rig) -> list:

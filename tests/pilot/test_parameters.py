@@ -1,4 +1,4 @@
-"""Parameters from a ground station, frame by frame: listed, read, set, refused with the reason."""
+"""Parameters requested by a ground station, frame by frame: listed, read, set, or refused with the reason."""
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink

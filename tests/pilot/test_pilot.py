@@ -1,4 +1,4 @@
-"""When a pilot steers and what it sends: fresh ranges, holding, outages, the end. No I/O, no clock."""
+"""Steering and output of a pilot: fresh ranges, holding, outages, the end. No I/O, no clock."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -15,7 +15,7 @@ GUIDED, LOITER = 4, 5
 STEADY = 15.0 / 100.0
 """V/r_d of the bench's mission, rad/s."""
 SAFE_THREE_TIMES = [(0.0, 0.0)] * 3
-"""Speed and yaw rate of the setpoints before silence."""
+"""Speed and yaw rate of the setpoints before the mission stops sending."""
 
 
 def flown(setpoints):
@@ -23,7 +23,7 @@ def flown(setpoints):
     return [(message.vx, message.yaw_rate) for message in setpoints]
 
 
-# --- what is said and kept besides ---
+# --- other output and kept values ---
 
 
 def test_the_four_numbers_to_plot_come_at_four_hertz_or_less(rig):
@@ -41,7 +41,7 @@ def test_the_four_numbers_to_plot_come_at_four_hertz_or_less(rig):
 
 
 def test_our_heartbeat_stops_with_the_loop_that_feeds_it(rig):
-    """It is sent by the healthy tick and by nothing else."""
+    """Only a healthy step sends the heartbeat."""
     rig.engage()
     for _ in range(100):
         rig.now = round(rig.now + 0.05, 6)
@@ -69,7 +69,7 @@ def test_every_step_that_acted_leaves_one_record(rig):
 
 
 def test_a_vehicle_that_does_not_turn_as_told_teaches_the_estimator_no_motion(rig):
-    """A copter that no longer hears us stands still: at the speed it was told, it would be somewhere else."""
+    """A copter without uplink stands still. At the commanded speed it would be somewhere else."""
     rig.engage()
     received, heading = [], [0.0]
     rig.pilot.tracker.estimator.move = received.append
@@ -100,7 +100,7 @@ def test_a_setpoint_is_sent_alone_and_everything_else_that_is_due_is_sent_after_
 
 
 def sent(rig, accepts=True):
-    """Return what a step of the pilot passes to its `send`, which accepts it or not."""
+    """Return the data that a step of the pilot passes to its `send`, which accepts or rejects it."""
     out = []
     rig.pilot.step(rig.now, lambda data: out.append(data) or accepts)
     return out
@@ -117,7 +117,7 @@ def test_a_setpoint_that_could_not_be_sent_is_neither_counted_nor_recorded_as_se
     assert [record.yaw_rate_sent is None for record in rig.pilot.take_records()] == [True, False]
 
 
-# --- when it steers, and by what ---
+# --- steering: phases and estimates ---
 
 
 def test_a_mission_waits_for_link_ranging_and_mode_in_this_order(rig):
@@ -158,7 +158,8 @@ def test_a_fresh_range_is_answered_by_the_very_next_step(rig):
 def test_at_a_constant_range_the_vehicle_turns_towards_the_circle_from_outside_and_flies_straight_inside(
     direction, sign
 ):
-    """A constant range outside means flying across: clockwise is to the right, positive in MAVLink."""
+    """A constant range outside means flying across the line of sight. Clockwise is to the right, positive in
+    MAVLink."""
     orbit = replace(ORBIT, direction=direction)
     setpoint = Rig(orbit=orbit).engage().setpoints()[-1]
     assert setpoint.yaw_rate * sign > 0
@@ -167,7 +168,7 @@ def test_at_a_constant_range_the_vehicle_turns_towards_the_circle_from_outside_a
 
 
 def test_no_setpoint_asks_for_more_than_the_vehicles_limit(rig):
-    """Law 1 is unsaturated: at 600 m and closing it asks for much more than 0.35 rad/s."""
+    """Law 1 is unsaturated: closing in at 600 m, it demands much more than 0.35 rad/s."""
     rig.engage(range_cm=59000)
     assert max(abs(message.yaw_rate) for message in rig.setpoints()) == pytest.approx(0.35)
     assert rig.pilot.take_records()[-1].saturated
@@ -193,7 +194,7 @@ def test_no_setpoint_asks_for_more_than_the_vehicles_limit(rig):
     ids=lambda value: value.get_type() if hasattr(value, "get_type") else "",
 )
 def test_false_positions_change_no_byte_of_the_output(message, count):
-    """The UAV is GPS-denied: nothing about position may reach the guidance."""
+    """The UAV is GPS-denied: no position may reach the guidance."""
     honest, lied_to = Rig().engage(), Rig()
     lied_to.run(3.0, lambda: [lied_to.hear(message) for _ in range(count)])
     assert lied_to.raw == honest.raw
@@ -220,7 +221,7 @@ def test_without_fresh_ranges_the_prediction_is_flown_for_half_a_second_and_then
 
 
 def test_a_lost_link_is_silence_and_a_found_one_resumes(rig):
-    """Three seconds without a heartbeat; the ranges go on."""
+    """No heartbeat for 3 s, while the ranges continue."""
     lost = rig.engage().now
     quiet = rig.run(3.3, speaks=False).now
     assert rig.pilot.mission.phase is Phase.WAIT_LINK
@@ -254,7 +255,7 @@ def fails(rig):
     ids=["holding is given up", "its time is over", "an interrupt", "a law that fails"],
 )
 def test_a_flight_ends_with_the_safe_setpoint_three_times_and_then_silence(happens, ending, reason):
-    """And the vehicle gets its own stream rates back."""
+    """The vehicle also gets its own stream rates back."""
     rig = Rig(timing=timing(duration=15.0)).engage()
     happens(rig)
     since = rig.now
@@ -272,7 +273,7 @@ def test_a_flight_ends_with_the_safe_setpoint_three_times_and_then_silence(happe
 
 
 def test_a_link_that_stays_away_ends_the_mission_when_it_was_waited_for():
-    """A link counts as lost after 3 s. How long the first heartbeat was waited for counts no more."""
+    """A link counts as lost after 3 s. The wait for the first heartbeat does not count."""
     rig = Rig(timing=timing(outage=10.0, wait_link=2.0)).engage()
     assert not rig.run(12.9, speaks=False).pilot.done
     assert rig.run(1.0).pilot.done

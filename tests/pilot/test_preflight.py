@@ -1,4 +1,4 @@
-"""A survey of each emulated vehicle in lockstep, and what is said of it: what is sent, what is seen, what is graded."""
+"""Preflight of each emulated vehicle in lockstep: sent frames, listened data, grades and texts."""
 
 import functools
 import hashlib
@@ -35,10 +35,10 @@ FAIL, WARN, PASS = Grade.FAIL, Grade.WARN, Grade.PASS
 
 
 class Bench:
-    """A mission's survey and its emulated vehicle, in lockstep; `speed`: how much faster the vehicle's time runs."""
+    """A mission's preflight listener and its emulated vehicle, in lockstep. speed: rate of the vehicle's clock."""
 
     def __init__(self, name, *overrides, seconds=5.0, without=None, signing=None):
-        """without: keys of [ranging] or [orbit] that are none, although the mission's file has them."""
+        """without: keys of [ranging] or [orbit] that are unset, although the mission's file has them."""
         mission = load_mission(CONFIG / f"{name}.toml", overrides)
         for table, keys in (without or {}).items():
             changed = getattr(mission.file, table).model_copy(update=keys)
@@ -78,14 +78,14 @@ class Bench:
 
 @functools.cache
 def good(name):
-    """A vehicle as it comes, surveyed."""
+    """Return the bench of an unchanged vehicle after its preflight."""
     bench = Bench(name)
     bench.run()
     return bench
 
 
 class Overridden:
-    """The same in everything but some values, by their dotted paths."""
+    """The same object except for some values, by their dotted paths."""
 
     def __init__(self, same, changes):
         self._same, self._changes = same, changes
@@ -98,12 +98,12 @@ class Overridden:
 
 
 def bent(name, changes):
-    """The lines for a vehicle that was surveyed otherwise in something."""
+    """Return the lines for a vehicle with some changed observations."""
     return judge(good(name).mission, Overridden(good(name).listener, changes))
 
 
 def parameter(name, values, *, only=False):
-    """The lines about parameters for a vehicle that has other values."""
+    """Return the lines about parameters for a vehicle with other values."""
     held = {} if only else good(name).listener.parameters
     return of(bent(name, {"parameters": {**held, **values}}), "parameter")
 
@@ -152,7 +152,7 @@ def test_nothing_that_moves_anything_is_sent_and_streams_get_their_own_rates_bac
     [("arducopter", "GUIDED"), ("arduplane", "GUIDED"), ("ardurover", "GUIDED"), ("px4_plane", "ALTCTL")],
 )
 def test_a_vehicle_stays_as_it_was_even_in_our_mode(name, mode):
-    """Armed, in the very mode that is flown, range heard: a pilot would take it."""
+    """Armed, in the guided mode, and with ranges: a pilot would engage it."""
     bench = Bench(name, f'sim.start.mode="{mode}"')
     armed = bench.vehicle.truth.armed
     line = one(bench.lines(), "mode")
@@ -173,8 +173,8 @@ def test_every_parameter_that_the_vehicle_has_is_read_with_its_value(name):
 
 @pytest.mark.parametrize("name", MISSIONS)
 def test_rates_are_measured_after_the_streams_have_come_up(name):
-    """A vehicle that sends much unasked before it is asked for less must not look richer than it is. A stream that
-    comes faster than needed, and that ground stations often request, stays as it is: SYS_STATUS of PX4, 5 Hz."""
+    """Streams that the vehicle sends before its rates are lowered must not count. A stream that is faster than
+    needed and often requested by ground stations keeps its rate: SYS_STATUS of PX4, 5 Hz."""
     for ident, (wanted, measured) in Bench(name, seconds=10.0).run().streams.items():
         expected = max(wanted, measured) if ident in USUAL else wanted
         assert measured == pytest.approx(expected, rel=0.1)
@@ -223,7 +223,7 @@ def test_a_line_is_graded_by_what_was_heard(keys, subject, grade, says):
     assert (line.grade, says in line.text) == (grade, True), line.text
 
 
-# --- nobody, or others ------------------------------------------------------------------------------------------------
+# --- no vehicle, or several ---
 
 
 def test_silence_is_told_with_what_was_heard():
@@ -281,7 +281,7 @@ def test_a_vehicle_that_signs_otherwise_than_we_do_is_named(tmp_path, ours, thei
 
 
 def test_a_vehicle_that_signs_with_the_all_zero_key_is_as_good_as_unsigned():
-    """As a stock PX4 does: its frames are signed here by hand with 32 zero bytes."""
+    """A stock PX4 does this. Its frames are signed here by hand with 32 zero bytes."""
     bench, clock = Bench("px4_copter", seconds=1.0), itertools.count(10**12)
     receive = bench.listener.receive
 
@@ -313,7 +313,7 @@ def without(message_id):
         ("px4_copter", (), 74, FAIL),
         ("arducopter", (), 30, FAIL),
         ("arducopter", (), 1, WARN),
-        ("arducopter", ("bounds.min_battery_percent=30.0",), 1, FAIL),  # the mission ends by it
+        ("arducopter", ("bounds.min_battery_percent=30.0",), 1, FAIL),  # the mission ends with it
         ("arducopter", (), 2, WARN),
         ("px4_copter", (), 436, WARN),
     ],
@@ -367,7 +367,7 @@ def test_a_reboot_while_listening_fails():
 
 
 def airspeed(reported, *, armed):
-    """A vehicle that has none, and what VFR_HUD says of it."""
+    """Return changes for a vehicle without airspeed, and the airspeed that VFR_HUD reports."""
     return {"session.motion.at": lambda now: Motion(), "airspeed": reported, "session.vehicle.armed": armed}
 
 
@@ -411,8 +411,8 @@ def test_noise_is_measured_against_what_the_mission_assumes(noise, grade):
 
 @pytest.mark.parametrize("received", [12, 50])
 def test_an_honest_radio_is_not_doubted_for_want_of_ranges(received):
-    """Few ranges scatter in their scatter: of 300 short surveys of the noise that the mission states, at most three
-    may ask for another sigma_m, and none may fail."""
+    """Few ranges give an uncertain scatter. Of 300 short preflights with the mission's own noise, at most three may
+    propose another sigma_m, and none may fail."""
     grades = []
     for seed in range(300):
         draw = random.Random(seed)
@@ -424,7 +424,8 @@ def test_an_honest_radio_is_not_doubted_for_want_of_ranges(received):
 
 
 def test_neither_outliers_nor_gaps_nor_motion_count_as_noise():
-    """A range that shrinks at 20 m/s and bends at 4 m/s^2, every fifth one lost, one of twenty off by 30 m."""
+    """A range that closes at 20 m/s with a curvature of 4 m/s^2. Every fifth range is lost, and one in twenty is off
+    by 30 m."""
     draw, ranges = random.Random(3), []
     for i in range(600):
         t = i / 10
@@ -451,7 +452,7 @@ def test_the_echo_of_the_radios_ranges_is_no_fault():
 
 
 def of_another(now, sender=(1, 192), *, beacon_id=None, id=0, orientation=24):
-    """A second sensor that ranges to something 90 m away, stamped as the first one."""
+    """Return frames of a second sensor that ranges to something 90 m away, stamped as the first one."""
     if round(now * 100) % 10:
         return []
     if beacon_id is not None:
@@ -519,7 +520,7 @@ def test_a_range_that_never_changes_is_no_pass():
 
 
 BY_HOME = {"orbit": {"height_above_target_m": None, "target_above_home_m": 5.0}}
-"""The height is told by the beacon's place above home."""
+"""The height comes from the beacon's altitude above home."""
 
 
 def test_a_height_by_the_altitude_is_told_with_what_a_metre_of_it_costs():
@@ -591,7 +592,7 @@ def test_a_parameter_is_graded_by_what_it_implies(name, key, grades):
         # without WP_SPEED a rover is clipped at its cruise speed
         ("ardurover", {"WP_SPEED": 0, "CRUISE_SPEED": 2}, FAIL, "CRUISE_SPEED = 2"),
         ("ardurover", {"WP_SPEED": 5, "CRUISE_SPEED": 2}, PASS, "CRUISE_SPEED = 2"),
-        # known by its name and unit in the connected version
+        # found by its name and unit in the connected version
         ("arducopter", {"MAV_GCS_SYSID": 255}, PASS, "MAV_GCS_SYSID = 255: "),
         ("arducopter", {"SYSID_MYGCS": 255}, PASS, "SYSID_MYGCS = 255: "),
         ("arducopter", {"WP_SPD": 4}, WARN, "WP_SPD = 4: "),
@@ -620,7 +621,7 @@ def test_a_parameter_is_judged_with_what_else_the_vehicle_has(name, values, grad
     ],
 )
 def test_a_limit_that_is_the_missions_own_number_is_within_it(name, key, parameter, number, stricter, grade):
-    """In 32 bits 2.3 is less than 2.3, and 24 degrees are a last bit more once they have been radians."""
+    """In 32 bits, 2.3 rounds down, and 24 degrees gain one bit by the conversion to radians."""
     listener, mission = good(name).listener, load_mission(CONFIG / f"{name}.toml", [f"{key}={number}"])
     for value, expected in ((number, PASS), (stricter, grade)):
         (in_32_bits,) = struct.unpack("<f", struct.pack("<f", value))

@@ -1,4 +1,4 @@
-"""What PX4 asks of a pilot: setpoints before its OFFBOARD mode can be entered, and a height that we hold."""
+"""PX4's demands on a pilot: setpoints before its OFFBOARD mode can be entered, and a height that the pilot holds."""
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -16,7 +16,7 @@ KINDS = [
 
 
 class PX4(Rig):
-    """A rig whose vehicle is a PX4, at 104 m above the sea."""
+    """A rig whose vehicle is a PX4 at 104 m above the sea."""
 
     def __init__(self, mode: int = OFFBOARD, kind: str = "copter", **settings) -> None:
         super().__init__(autopilot="px4", kind=kind, **settings)
@@ -32,7 +32,7 @@ class PX4(Rig):
 
 @pytest.mark.parametrize(("kind", "message"), KINDS)
 def test_nothing_is_streamed_on_the_ground_nor_blind(kind, message):
-    """Blind: it stopped telling its height (and a plane its airspeed)."""
+    """Blind: the vehicle stopped reporting its altitude (and a plane its airspeed)."""
     rig = PX4(LOITER, kind)
     assert rig.run(5.0, landed_state=ON_GROUND).of(message) == []
     assert rig.run(5.0, landed_state=IN_AIR).of(message) != []
@@ -52,7 +52,7 @@ def test_setpoints_flow_before_the_mode_and_ask_for_nothing():
 
 
 def test_a_vehicle_disarmed_by_its_operator_is_sent_nothing_when_it_comes_back_armed_in_offboard():
-    """The mission is ready, but nobody has left the mode and entered it since: there is no consent."""
+    """The mission is ready, but the mode was not left and entered again, so the operator has not consented."""
     rig = PX4(end_on_takeover=False).engage()
     since = rig.run(0.3, armed=False).now
     rig.run(1.0).run(4.0, speaks=False).run(3.0, speaks=True, armed=True)
@@ -62,7 +62,8 @@ def test_a_vehicle_disarmed_by_its_operator_is_sent_nothing_when_it_comes_back_a
 
 @pytest.mark.parametrize(("mode", "setpoints"), [(POSCTL, False), (OFFBOARD, True)])
 def test_over_a_slow_link_offboard_is_not_made_possible_but_kept_without_steering(mode, setpoints):
-    """In OFFBOARD the setpoints were another's until now; without ours its failsafe would act."""
+    """In OFFBOARD the setpoints came from another sender until now. Without setpoints from the pilot, its failsafe
+    would act."""
     rig = PX4(mode).run(8.0, round_trip=1.5)
     assert rig.pilot.mission.phase is Phase.READY
     assert {message.vx for message in rig.setpoints()} == ({0.0} if setpoints else set())

@@ -1,4 +1,4 @@
-"""Whose ranges count, which are none, and what their delay does."""
+"""Accepted and rejected ranges by sender and value, and the effects of their delay."""
 
 from dataclasses import replace
 from itertools import count, pairwise
@@ -14,11 +14,11 @@ GUIDED, LOITER = 4, 5
 
 
 def ranging(**changes):
-    """The ranging of the bench's mission, with changes."""
+    """Return the ranging of the bench's mission, with changes."""
     return replace(MISSION.ranging, **changes)
 
 
-# --- of others ---
+# --- other senders ---
 
 
 def test_a_radio_of_the_missions_component_on_another_vehicle_is_not_ours():
@@ -49,7 +49,7 @@ def test_a_radio_that_takes_the_place_of_another_before_the_flight_has_a_clock_o
 
 @pytest.mark.parametrize("output_mode", [OutputMode.FLY, OutputMode.DRY_RUN])
 def test_nobody_stands_in_for_a_radio_that_falls_silent_in_flight(output_mode):
-    """In a dry run, which keeps no radio, somebody may."""
+    """A dry run accepts another radio."""
     rig, other = Rig(output_mode=output_mode).engage(), Voice(system=77, component=192)
     since = rig.now
     rig.run(9.0, lambda: rig.range(4000, voice=other), ranges=False)
@@ -109,7 +109,8 @@ def test_ranges_of_another_vehicle_end_with_its_first_heartbeat_also_in_flight(r
 
 @pytest.mark.parametrize("cm", [30_000, 50_000, 4_000])
 def test_ranges_that_jump_farther_than_the_vehicle_can_fly_count_as_lost_until_they_jump_back(rig, cm):
-    """A radio that changes its unit or its anchor, or stands at its limit, was followed after a second."""
+    """Such jumps were once followed after 1 s: a radio that changes its unit or its anchor, or that reports its
+    limit."""
     rig.engage().run(5.0, range_cm=cm)
     assert rig.pilot.mission.phase is Phase.HOLDING and rig.pilot.tracker.newest.r == pytest.approx(150.0, abs=0.02)
     assert "circnav: range jumped, rejected" in rig.texts()
@@ -121,7 +122,7 @@ def test_ranges_that_jump_farther_than_the_vehicle_can_fly_count_as_lost_until_t
 
 
 def two(rig, *, equal_stamps=True, **other):
-    """Ranges of our sensor at 10 Hz, and beside each one of another sensor of the same radio."""
+    """Return a function that sends ranges of two sensors of one radio at 10 Hz, the mission's and another one."""
     both = {"id": 1, "orientation": 24, **other}
 
     def speaks():
@@ -144,7 +145,7 @@ NOT_ENGAGED = "2 range sources: 1/1 sensor_id 0 orientation 24 (150.0 m), 1/1 se
     ids=["sensors", "orientations"],
 )
 def test_of_two_sensors_none_steers_until_the_mission_names_one(equal_stamps, other, keys):
-    """As `init` writes a mission, it names neither. What is said has the ids, the ranges and the key."""
+    """A mission from `init` names neither sensor. The text gives the ids, the ranges and the key."""
     rig = Rig(ranging=ranging(**ANY), timing=timing(wait_ranging=10.0))
     rig.run(8.0, two(rig, equal_stamps=equal_stamps, **other), ranges=False)
     said = NOT_ENGAGED.format(other.get("orientation", 24)) + f"select yours by {keys}"
@@ -160,7 +161,8 @@ def test_of_two_sensors_none_steers_until_the_mission_names_one(equal_stamps, ot
 
 
 def test_a_second_sensor_is_waited_for_before_the_first_setpoint():
-    """It measures once a second; without the time to listen the flight would have begun on the first one alone."""
+    """The second sensor measures once a second. Without the listening time, the flight would begin on the first one
+    alone."""
     rig = Rig(ranging=ranging(**ANY))
 
     def late():
@@ -200,7 +202,7 @@ def test_a_name_that_nobody_sends_is_told_with_those_that_are_sent():
 
 
 def fast(rig, hz, values=lambda n: 15000 + n % 2):
-    """Ranges at some rate above that of the bench's ticks, all that fall into one tick before its step."""
+    """Return a function that sends the ranges of a tick at a rate above the tick rate, with a step after each."""
 
     number = count(1)
 
@@ -228,14 +230,14 @@ def test_ranges_faster_than_ticks_are_all_used_and_get_one_setpoint_a_tick(hz):
 
 
 def test_an_outlier_among_merged_ranges_moves_nothing():
-    """One range in twenty at 400 Hz is 250 m too long: half of all medians of their means would be 12 m too long."""
+    """One range in twenty at 400 Hz is 250 m too long. Half of all medians of their means would be 12 m too long."""
     rig = Rig().engage()
     rig.run(3.0, fast(rig, 400, lambda n: 40000 if n % 20 == 0 else 15000 + n % 2), ranges=False)
     assert rig.pilot.tracker.newest.r == pytest.approx(150.0, abs=0.1)
     assert rig.pilot.tracker.newest.sigma < ranging().sigma_m
 
 
-# --- ranges that are none ---
+# --- unusable ranges ---
 
 
 def test_an_outlier_is_counted_and_moves_nothing():
@@ -272,7 +274,8 @@ def test_a_range_that_says_it_may_be_anywhere_is_not_taken(accuracy_mm):
     ("round_trip", "believed"), [(0.0, pytest.approx(2.7, abs=0.15)), (None, pytest.approx(2.7, abs=0.15)), (2.0, None)]
 )
 def test_ranges_that_stay_late_are_of_a_clock_that_stood_still_unless_the_answers_are_as_late(round_trip, believed):
-    """Silent for 2 s, and as late from then on. A vehicle that never answered TIMESYNC tells nothing."""
+    """No range for 2 s, and a delay of 2 s from then on. Without answers to TIMESYNC, the cause of the delay is
+    unknown."""
     rig = Rig().run(15.0, round_trip=0.0 if round_trip is not None else None)
     since = rig.now
     rig.run(2.0, round_trip=round_trip, ranges=False)
@@ -289,7 +292,7 @@ def test_ranges_that_stay_late_are_of_a_clock_that_stood_still_unless_the_answer
 
 
 def test_ranges_that_scatter_over_half_the_radius_are_lost_ranges():
-    """The measured scatter is no standard deviation to fly by."""
+    """The measured scatter is too large to fly with."""
     draw, rig = Random(3), Rig(ranging=ranging(max_sigma=50.0), exit="rtl").engage()
     since = rig.now
     rig.run(30.0, lambda: rig.tick % 2 or rig.range(draw.randrange(3000, 60000)), ranges=False)
@@ -308,7 +311,7 @@ def test_ranges_without_an_estimate_name_the_estimator():
 
 @pytest.mark.parametrize(("stale", "phase"), [(0.5, Phase.HOLDING), (1.5, Phase.ENGAGED)])
 def test_a_link_that_gets_slower_in_flight_than_ranges_may_be_old_is_a_lost_range(stale, phase):
-    """Stamps cannot show a constant delay; answers to TIMESYNC do."""
+    """Stamps cannot show a constant delay, but answers to TIMESYNC can."""
     rig = Rig(ranging=ranging(max_age=stale), timing=timing(stale=stale)).engage().run(8.0, round_trip=2.0)
     assert rig.pilot.session.timesync.typical == pytest.approx(2.0)
     assert rig.pilot.mission.phase is phase
@@ -329,7 +332,7 @@ def test_the_delay_of_the_vehicles_link_is_not_that_of_a_radio_with_a_link_of_it
     assert rig.pilot.mission.phase is Phase.ENGAGED
 
 
-# --- a link of its own ---
+# --- a separate link ---
 
 
 def test_ranging_of_another_link_is_taken_from_there_and_from_nowhere_else():

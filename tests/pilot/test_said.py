@@ -1,4 +1,4 @@
-"""What a pilot says besides setpoints: texts for people, and which streams it asks for."""
+"""Output of a pilot besides setpoints: texts for people, and stream requests."""
 
 from dataclasses import replace
 
@@ -13,7 +13,8 @@ from tests.rig import LOITER, MISSION, Rig
 
 
 def flown_in_wind(max_turn_rate: float, seconds: float) -> tuple[Flight, list[str]]:
-    """A flight in 6 m/s, where (V + W)^2/(V omega_max) <= r_d allows 2.7 m/s at 12 deg/s; and what was said."""
+    """Fly in 6 m/s of wind, where (V + W)^2/(V omega_max) <= r_d allows 2.7 m/s at 12 deg/s. Return the flight and
+    its texts."""
     limit = f"vehicle.max_turn_rate_deg_s={max_turn_rate}"
     windy = ('sim.vehicle.dynamics="airborne"', "sim.wind.speed_mps=6.0", limit)
     flown = flight("quickstart", *windy, law="auto").fly(seconds)
@@ -40,13 +41,13 @@ def test_a_drift_that_the_circle_does_not_allow_is_said_once_and_shown():
 
 
 def test_an_alarm_is_said_once_as_a_warning_and_its_end_as_news(rig):
-    """MAV_SEVERITY_WARNING 4, NOTICE 5. A takeover that ends the flight is no second alarm."""
+    """MAV_SEVERITY_WARNING is 4, NOTICE is 5. A takeover that ends the flight is no second alarm."""
     since = rig.engage().now
     rig.run(2.5, speaks=False)
     rig.run(4.0, speaks=True)
     rig.run(1.0, mode=LOITER)
     said = [(text.severity, text.text.removeprefix("circnav: ")) for text in rig.of("STATUSTEXT", since)]
-    said.remove((4, "no attitude"))  # which the bench does not send
+    said.remove((4, "no attitude"))  # the bench sends no attitude
     taken = "taken over, GUIDED left for LOITER"
     ended = "ended, pilot or failsafe switched to LOITER after"
     assert said[:4] == [(4, "link silent"), (5, "link restored"), (4, taken), (5, ended[:41])]

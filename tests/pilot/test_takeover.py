@@ -1,4 +1,4 @@
-"""The operator always wins: every way to take the vehicle from us, and what gives it back."""
+"""The operator always wins: all ways to take the vehicle over, and to give it back."""
 
 import re
 from collections.abc import Callable
@@ -14,13 +14,13 @@ GUIDED, LOITER, LAND, RTL = 4, 5, 9, 6
 ON_GROUND, IN_AIR = 1, 2
 SET_MODE = 176
 GIVEN_BACK = 2.0
-"""Time, s, in the guided mode after which a vehicle that was given back is engaged; 1.5 s of it are the hand-over."""
+"""Time, s, in the guided mode after which a returned vehicle is engaged. The hand-over takes 1.5 s of it."""
 
 
 @dataclass(frozen=True)
 class Takeover:
-    """One way to take the vehicle. before: what happens first. take: what the vehicle then tells. stays: whether it
-    stays out of our hands. left: whether the guided mode was left, so that entering it gives the vehicle back."""
+    """One way to take the vehicle over. before: earlier events. take: messages of the vehicle. stays: True if it stays
+    in another mode or disarmed. left: True if the guided mode was left, so that entering it returns the vehicle."""
 
     take: Callable[[Rig], None]
     text: str = "taken over, GUIDED left for LOITER"
@@ -30,13 +30,13 @@ class Takeover:
 
 
 def told(rig: Rig, *beats: tuple[int, bool]) -> None:
-    """Heartbeats of one moment: mode, armed."""
+    """Receive several heartbeats at one moment: (mode, armed)."""
     for mode, armed in beats:
         rig.hear(heartbeat(mode, armed=armed))
 
 
 def stays(**changes: object) -> Callable[[Rig], None]:
-    """The vehicle is so from now on, and says so at once."""
+    """Change the vehicle's state from now on, with an immediate heartbeat."""
     return lambda rig: rig.now_is(**changes).heartbeat()
 
 
@@ -47,13 +47,14 @@ def silent(rig: Rig) -> None:
 
 
 def silent_until_known(rig: Rig) -> None:
-    """An outage of a vehicle that tells its time: after it, it is the same vehicle only when it has told it again."""
+    """An outage of a vehicle that reports its time since boot. Afterwards its identity is confirmed by that time
+    alone."""
     rig.hear(attitude(round(rig.now * 1000)))
     silent(rig)
 
 
 def known_late(rig: Rig) -> None:
-    """The mode is told first, and the time since boot, which proves the vehicle, a little later."""
+    """The mode is received first, and a little later the time since boot, which confirms the identity."""
     told(rig, (LOITER, True))
     rig.run(0.25)
     told(rig, (GUIDED, True))
@@ -62,13 +63,13 @@ def known_late(rig: Rig) -> None:
 
 
 def reboots(rig: Rig) -> None:
-    """It comes back armed in GUIDED: nobody has consented to that."""
+    """The vehicle comes back armed in GUIDED, without the operator's consent."""
     for boot_ms in (900_000, 2_000, 2_050):
         rig.hear(mavlink.MAVLink_system_time_message(0, boot_ms))
 
 
 def backlog(rig: Rig) -> None:
-    """It takes several turns to read what has waited through a stall: the takeover may come last."""
+    """Reading the buffers after a stall takes several steps: the takeover may come last."""
     for _ in range(4):
         told(rig, (GUIDED, True))
         rig.range()
@@ -82,7 +83,7 @@ def holds(rig: Rig) -> None:
 
 
 def loses_heartbeats(rig: Rig) -> None:
-    """PX4 sends one a second; CURRENT_MODE alone keeps the vehicle ours."""
+    """PX4 sends one heartbeat a second. CURRENT_MODE alone keeps the vehicle engaged."""
     for _ in range(20):
         rig.run(0.5, speaks=False)
         rig.hear(mavlink.MAVLink_current_mode_message(0, GUIDED, GUIDED))
@@ -123,9 +124,10 @@ TAKEOVERS = {
 
 
 def taken(how: str, *, end: bool) -> tuple[Rig, float]:
-    """A rig that flew and was taken over, after the step that heard of it; the moment before that."""
+    """Fly a rig that is then taken over. Return the rig after the step that received the takeover, and the time
+    before it."""
     rig, takeover = Rig(end_on_takeover=end, request_mode=True, exit="rtl"), TAKEOVERS[how]
-    if "under way" in how:  # its acknowledgement was lost: a repeat would take the vehicle back
+    if "under way" in how:  # its acknowledgement was lost: a repeat would take the vehicle from the operator
         while not rig.commands(SET_MODE):
             rig.run(0.05, mode=LOITER)
         assert rig.run(0.6, mode=GUIDED).pilot.mission.phase is Phase.ENGAGED
@@ -144,7 +146,7 @@ def taken(how: str, *, end: bool) -> tuple[Rig, float]:
 @pytest.mark.parametrize("end", [True, False], ids=["ends", "waits"])
 @pytest.mark.parametrize("how", TAKEOVERS)
 def test_from_the_step_that_hears_of_a_takeover_nothing_is_commanded_any_more(how, end):
-    """No setpoint, not even the safe one, no mode and no exit action: the vehicle is not ours."""
+    """No setpoint, not even the safe one, no mode and no exit action: the vehicle belongs to the operator."""
     rig, since = taken(how, end=end)
     rig.run(0.3)
     assert rig.pilot.mission.phase in ({Phase.ENDED} if end else {Phase.YIELDED, Phase.READY})
@@ -173,19 +175,19 @@ def test_only_the_guided_mode_entered_anew_gives_the_vehicle_back(how):
     else:
         rig.run(GIVEN_BACK)
     assert (rig.pilot.mission.phase is Phase.ENGAGED) == TAKEOVERS[how].left
-    for _ in range(3):  # and again, as often as it is taken
+    for _ in range(3):  # again, after any number of takeovers
         since = rig.run(0.3, mode=LOITER).now
         rig.run(0.7)
         assert rig.setpoints(since) == []
         assert rig.run(GIVEN_BACK, mode=GUIDED).pilot.mission.phase is Phase.ENGAGED
 
 
-# --- what is no hand-over, and what is no takeover ---
+# --- no hand-over, and no takeover ---
 
 
 @pytest.fixture
 def waiting() -> Rig:
-    """A rig that flies, may ask for the mode, and waits to be given the vehicle again after a takeover."""
+    """A rig that flies, may request the mode, and waits for the vehicle to be returned after a takeover."""
     return Rig(request_mode=True, end_on_takeover=False).engage()
 
 
@@ -197,14 +199,14 @@ LANDED = {"landed_state": ON_GROUND}
     ("what", "waits_for"),
     [
         ([({}, LOITER, 1.0), ({}, GUIDED, 0.5), ({}, LOITER, 0.5), ({}, GUIDED, 1.25), ({}, LOITER, 1.0)], "operator"),
-        # in a silence the switch may have gone on
+        # the switch may have moved on during a silence
         ([({}, LOITER, 1.0), ({}, GUIDED, 1.0), (SILENT, GUIDED, 2.5), ({}, LOITER, 1.0)], "operator"),
         ([({}, LOITER, 1.0), ({}, GUIDED, 1.0), (SILENT, GUIDED, 4.0), ({}, LOITER, 1.0)], "operator"),
         ([({}, LOITER, 1.0), ({}, GUIDED, 1.0), (SILENT, GUIDED, 4.0), ({}, GUIDED, 1.0)], "operator"),
         ([({}, LOITER, 2.0), (SILENT, LOITER, 4.0), ({}, LOITER, 10.0)], "operator"),
         ([(LANDED, LAND, 3.0), (LANDED, GUIDED, 3.0)], "the vehicle is on the ground"),
         ([({}, LAND, 5.0), ({**LANDED, "armed": False}, LAND, 5.0), (LANDED, GUIDED, 5.0)], "on the ground"),
-        # given back on the ground, and then a switch passes through the guided mode in the air
+        # returned on the ground; then a switch passes through the guided mode in the air
         ([(LANDED, LAND, 3.0), (LANDED, GUIDED, 3.0), ({}, LOITER, 3.0), ({}, GUIDED, 1.0), ({}, LOITER, 1.0)],
          "operator"),
     ],
@@ -213,7 +215,7 @@ LANDED = {"landed_state": ON_GROUND}
          "on the ground, and taken again in the air"],
 )  # fmt: skip
 def test_a_vehicle_that_was_taken_is_not_steered_before_it_is_given_back_for_certain(waiting, what, waits_for):
-    since = waiting.run(0.2, mode=what[0][1]).now  # until the next heartbeat tells
+    since = waiting.run(0.2, mode=what[0][1]).now  # until the next heartbeat arrives
     for state, mode, seconds in what:
         waiting.run(seconds, mode=mode, **{"speaks": True, "armed": True, "landed_state": IN_AIR, **state})
     assert waiting.setpoints(since) == [] and waiting.commands(SET_MODE, since) == []
@@ -223,7 +225,7 @@ def test_a_vehicle_that_was_taken_is_not_steered_before_it_is_given_back_for_cer
 
 @pytest.mark.parametrize("offset", [20, 60, 100, 150, 200, 250])
 def test_a_second_way_of_the_same_vehicle_whose_words_come_late_gives_nothing_back(offset):
-    """A heartbeat a second by each way, with counters of their own; the second way takes 1.2 s."""
+    """Each path brings one heartbeat a second, with its own counter. The second path is 1.2 s slower."""
     rig, late = Rig(end_on_takeover=False), Voice(1, 1)
     for _ in range(offset):
         late.say(heartbeat(GUIDED))
@@ -242,7 +244,7 @@ def test_a_second_way_of_the_same_vehicle_whose_words_come_late_gives_nothing_ba
 
 
 def test_a_current_mode_of_zero_is_no_mode(rig):
-    """Nothing was filled in: neither another mode nor a proof that the vehicle is there."""
+    """Mode 0 means an unset field: neither another mode nor evidence that the vehicle is present."""
     nothing = mavlink.MAVLink_current_mode_message(0, 0, 0)
     rig.engage().run(0.5, lambda: rig.hear(nothing))
     assert (rig.pilot.mission.phase, rig.pilot.session.vehicle.mode) == (Phase.ENGAGED, GUIDED)

@@ -1,4 +1,4 @@
-"""When the pilot steps without a range."""
+"""Steps of the pilot without a range."""
 
 import itertools
 import random
@@ -11,9 +11,11 @@ TICK = 0.05
 
 
 def stepped(hz: float, jitter: float = 0.0, seconds: float = 20.0, lost: float = 0.0) -> tuple[list[float], int]:
-    """Times of the steps of a pilot that hears ranges at `hz`, each late by up to `jitter`; and how many it heard.
+    """Return the times of the steps of a pilot that receives ranges at `hz`, each late by up to `jitter`, and the
+    number of ranges.
 
-    Times are whole microseconds, as the clocks of the loop give them."""
+    Times are whole microseconds, like the clocks of the loop.
+    """
     ticks, chance, now = TickScheduler(TICK), random.Random(4), 0.0
     times = [round(n / hz + chance.uniform(0.0, jitter), 6) for n in range(round(seconds * hz))]
     ranges = [time for time in times if chance.random() >= lost]
@@ -52,7 +54,7 @@ def test_a_range_that_does_not_come_is_not_waited_for_twice() -> None:
 
 
 def test_on_one_grid_with_the_ranges_the_ticks_stay_on_it() -> None:
-    """As batches of flights assume, lost ranges or not."""
+    """Batches of flights assume this, with or without lost ranges."""
     steps, _ = stepped(10.0, lost=0.4)
     assert max(abs(step / TICK - round(step / TICK)) for step in steps) < 1e-6
 

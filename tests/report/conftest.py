@@ -1,4 +1,4 @@
-"""Run folders to draw."""
+"""Run folders for the charts and plots."""
 
 from tests.runlog.conftest import run_folder
 

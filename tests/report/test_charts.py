@@ -1,4 +1,4 @@
-"""The charts of both pages, drawn by their own script without a browser, and the data that they are drawn from."""
+"""The charts of both pages, drawn by their own script without a browser, and the data for them."""
 
 import json
 import re
@@ -15,11 +15,11 @@ from circnav_mav.runlog.ticks import read_ticks, read_truth
 from tests.runlog.conftest import EPOCH_US
 
 FLIGHT = {"radius": 100.0, "tolerance": 5.0, "limit": 0.35, "steady": -0.15, "gate": 5.0}
-WIDTH, LEFT, WIDE, TALL = 1000, 54, 934, 162  # of a strip and of what is drawn inside its frame
+WIDTH, LEFT, WIDE, TALL = 1000, 54, 934, 162  # of a strip and of the area inside its frame
 
 
 def script(expression, **values):
-    """What an expression of JavaScript comes to, with `Charts` and these values known."""
+    """Evaluate a JavaScript expression with `Charts` and these variables defined."""
     context = quickjs.Context()
     context.eval(CHARTS.read_text(encoding="utf-8") + "globalThis.Charts = Charts;")
     for name, value in values.items():
@@ -45,7 +45,7 @@ def points(drawn):
 
 
 def test_any_line_can_be_drawn_and_leaves_the_frame_as_steep_as_it_is_and_the_frame_cuts_it_off():
-    """From 0 to 10 in ten seconds, shown up to 1: it leaves after one second, and is flat nowhere."""
+    """From 0 to 10 in 10 s, displayed up to 1: the line leaves the frame after 1 s and is nowhere flat."""
     for values in ([None, None], [5, 5], [0, 0], [-1e-9, 1e9]):
         assert not re.search("NaN|Infinity|undefined", strip([0, 1], values, [0, 1])), values
     drawn = strip([0, 10, 20], [0, 10, 10], [0, 20], shown=[-1, 1])
@@ -70,7 +70,8 @@ def test_a_line_is_drawn_as_its_kind(values, chart, kind, drawn):
 
 
 def test_zoomed_in_a_line_goes_on_to_its_neighbours_outside_and_the_axis_fits_what_is_seen_and_is_not_cut_off():
-    """0 .. 99 in as many seconds, seen from 40 to 50.5: the values are 40 .. 50, and none above is a number there."""
+    """Values 0 to 99 at 1 Hz, zoomed in from 40 to 50.5 s: the visible values are 40 to 50. The values above are not
+    numbers."""
     drawn = strip(list(range(100)), list(range(100)), [40, 50.5])
     xs = [x for x, _ in points(drawn)]
     assert (xs[0], len(xs)) == (0.0, 12)
@@ -123,7 +124,7 @@ def test_takeovers_outages_changes_of_law_and_alarms_are_marked_and_waiting_befo
 
 
 def test_a_takeover_that_ends_the_flight_is_marked_as_one_and_not_twice_where_its_phase_shows_it_already():
-    """By default the phase goes from engaged to ended; what was said of it tells, on the link and on the live page."""
+    """The phase usually goes from engaged to ended. The text of the event decides, on the link and the live page."""
     ended = {"phase": [(0, 3, "ready"), (3, 9, "engaged"), (9, 10, "ended")]}
     for words in ("taken over, GUIDED left for LOITER", "ABORTED: taken over, vehicle disarmed"):
         marks = script("Charts.marks(bands, [[9, words]])", bands=ended, words=words)
@@ -156,7 +157,8 @@ def track(east, north, **options):
 
 
 def test_north_is_up_and_east_is_right_and_arrows_point_ahead():
-    """From 100 m north of the target towards the east: starts above the middle, arrows point to the right."""
+    """From 100 m north of the target towards the east: the track starts above the center, and arrows point to the
+    right."""
     drawn = track(list(range(0, 100, 2)), [100] * 50, at=49, heading=np.pi / 2)
     x, y = map(float, re.search(r'<path d="M([\d.]+),([\d.]+)m0,-8', drawn).groups())
     assert (x, y < 40) == (260.0, True)
@@ -174,7 +176,7 @@ def test_a_track_breaks_where_it_is_not_known_and_its_circle_lies_on_it():
 
 
 def test_the_drift_is_an_arrow_that_points_where_it_goes():
-    """3 m/s to the east and 4 to the north: 5 m/s towards atan2(3, 4) = 36.9 deg from north."""
+    """3 m/s to the east and 4 m/s to the north: 5 m/s towards atan2(3, 4) = 36.9 deg from north."""
     drawn = track([0, 100], [100, 0], drift=[3.0, 4.0])
     assert 'rotate(36.9)" class="axis drift"' in drawn
     assert "drift 5.0 m/s" in drawn
@@ -196,7 +198,7 @@ def test_a_long_line_keeps_every_peak_and_every_gap_in_few_points():
 
 
 def test_the_columns_are_those_of_the_run_on_its_own_time(run_folder):
-    """By hand: 120 m for 100 s, then 101 m, clockwise at .15 rad/s; one range a second, none rejected."""
+    """Built by hand: 120 m for 100 s, then 101 m, clockwise at 0.15 rad/s; one range per second, none rejected."""
     folder = run_folder()
     ticks = read_ticks(folder)
     ticks.numbers["desired"][:] = np.where(ticks.time < 150, 100.0, 60.0)

@@ -1,4 +1,4 @@
-"""flight.png and replay.png: drawn for every kind of run, with nothing covered."""
+"""flight.png and replay.png for every kind of run, without overlapping elements."""
 
 from itertools import product
 
@@ -29,7 +29,7 @@ def test_every_run_has_its_picture(run_folder, tmp_path, kind):
 
 @pytest.fixture
 def drawn(monkeypatch):
-    """The figure instead of its file."""
+    """Return the figure instead of writing it to a file."""
     figures = []
     monkeypatch.setattr(plots, "save", lambda figure, path: figures.append(figure))
 
@@ -72,7 +72,7 @@ def test_a_time_without_ranges_and_what_was_never_sent_are_named_in_the_legends(
 
 
 def test_a_vehicle_that_turns_less_than_commanded_has_the_steady_command_beside_the_steady_circle(ticks, drawn):
-    """A gain of 0.75: -8.6 deg/s is flown by a command of -11.5. A gain of 1 is one line."""
+    """With a gain of 0.75, a command of -11.5 deg/s flies -8.6 deg/s. With a gain of 1 the two lines coincide."""
     turn_rate = drawn(plot_flight, ticks, None, ORBIT).axes[-1]
     assert "steady command" not in " ".join(legend(turn_rate))
     ticks.numbers["turn_gain"][:] = 0.75
@@ -81,7 +81,7 @@ def test_a_vehicle_that_turns_less_than_commanded_has_the_steady_command_beside_
     assert level["steady circle"] == pytest.approx(-8.59, abs=0.01)
     assert level["steady command, gain 0.75"] == pytest.approx(-11.46, abs=0.01)
     columns = chart_data(ticks, None, ORBIT, {})["columns"]
-    assert columns["steady_command"][1][-1] == pytest.approx(-0.2, abs=1e-3)  # rad/s: the report has it, too
+    assert columns["steady_command"][1][-1] == pytest.approx(-0.2, abs=1e-3)  # rad/s: the report shows it as well
 
 
 def test_arrows_stand_all_round_the_circle_and_the_desired_one_on_top(run_folder, ticks, drawn):
@@ -94,7 +94,7 @@ def test_arrows_stand_all_round_the_circle_and_the_desired_one_on_top(run_folder
 
 
 def test_without_truth_the_track_is_the_estimated_one_from_where_it_was_first_believed(ticks, drawn):
-    """By hand: not known for 50 s, then a quarter of a circle."""
+    """Built by hand: no estimate for 50 s, then a quarter of a circle."""
     assert len(drawn(plot_flight, ticks, None, ORBIT).axes) == 3, "no track where nothing of it is known"
     angle = np.where(ticks.time < 50, np.nan, np.radians(90 * (ticks.time - 50) / 250))
     ticks.numbers["x"], ticks.numbers["y"] = 100 * np.cos(angle), 100 * np.sin(angle)

@@ -1,4 +1,4 @@
-"""A run folder made by hand."""
+"""A synthetic run folder."""
 
 import csv
 import struct
@@ -15,7 +15,7 @@ RADIUS, TURN = 100.0, 0.15
 
 
 def truth_frame(seconds: float, north: float, east: float, name: bytes = b"SIM_TRUTH") -> bytes:
-    """What the bundled vehicle tells of itself: 0, 1 north and east, 8, 9 the target's."""
+    """Truth message of the bundled vehicle, with its position and the target's in the log's array layout."""
     data = [0.0] * 58
     data[0], data[1], data[7], data[9], data[10] = north, east, TURN, 5.0, 7.0
     message = mavlink.MAVLink_debug_float_array_message(round(seconds * 1e6), name, 0, data)
@@ -24,7 +24,7 @@ def truth_frame(seconds: float, north: float, east: float, name: bytes = b"SIM_T
 
 
 def rewrite_ticks(folder: Path, change: Callable[[float, dict[str, str]], Any]) -> Path:
-    """ticks.csv with other rows: change(time, row as a dict) changes it, or returns False to leave it out."""
+    """Rewrite ticks.csv: change(time, row as a dict) changes a row, or returns False to omit it."""
     with (folder / "ticks.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     kept = [row for row in rows if change(float(row["time"]), row) is not False]
@@ -37,7 +37,8 @@ def rewrite_ticks(folder: Path, change: Callable[[float, dict[str, str]], Any]) 
 
 @pytest.fixture
 def run_folder(tmp_path: Path) -> Callable[..., Path]:
-    """300 s round a target at (5, 7): clockwise, 120 m at first and 101 m from second 100 on; engaged at second 10."""
+    """Run folder of 300 s around a target at (5, 7): clockwise, 120 m at first and 101 m from 100 s on, engaged at
+    10 s."""
 
     def make(*, engaged: bool = True, truth: bool = True, clockwise: bool = True) -> Path:
         header = "time,phase,measured,r,r_dot,demanded,turn_rate,saturated,yaw_rate_sent,mode,accepted,rejected"

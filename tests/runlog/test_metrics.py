@@ -1,4 +1,4 @@
-"""Figures of a circle and of its turn command, worked out by hand; a limit cycle told from wind, noise and gusts."""
+"""Figures of a circle and of its turn command, by hand, and the detection of a limit cycle in wind, noise and gusts."""
 
 from math import degrees, pi
 
@@ -38,7 +38,7 @@ def test_settled_means_the_last_entry_into_five_percent(radius, settled):
 
 
 def test_a_settled_flight_was_within_the_band_through_all_of_the_last_third():
-    """Of the last, +-8 m at 100 m, 40 s a lap, the last entry, 5 s before the end, is no settling."""
+    """With +-8 m at 100 m and 40 s a lap, the last entry into the band comes 5 s before the end and is no settling."""
     time = np.arange(0.0, 301.0)
     for entered, settled in ((60, 60.0), (200, 200.0), (201, None)):
         assert metrics.settled(time, np.where(time < entered, 150.0, 101.0), 100.0) == settled
@@ -67,7 +67,7 @@ def test_the_last_third_is_of_the_time_and_not_of_the_samples_and_the_mean_hides
      (-0.24, None), (0.0, None)],
 )  # fmt: skip
 def test_the_swept_angle_counts_every_turn_and_from_a_quarter_on_it_has_a_sense(turns, direction):
-    """North up, east right: counter-clockwise from east is positive, seen from above."""
+    """North up, east right: counter-clockwise from east is positive in a view from above."""
     angle = 1.0 + np.linspace(0, turns * 2 * np.pi, 1000)
     swept = metrics.swept_angle(5 * np.sin(angle), 5 * np.cos(angle))
     assert swept == pytest.approx(turns * 2 * np.pi)
@@ -78,7 +78,7 @@ def test_the_swept_angle_counts_every_turn_and_from_a_quarter_on_it_has_a_sense(
 
 
 def needed(wind):
-    """What the circle asks for in steady wind: the nose's rate on a circle over the ground, step by step."""
+    """Turn rate of the nose on a circle over ground in steady wind, step by step."""
     at, noses = 0.0, []
     for _ in TIME:
         along = np.array([-np.sin(at), np.cos(at)])
@@ -89,7 +89,7 @@ def needed(wind):
 
 
 def coloured(size, seconds, seed=1):
-    """Noise of a standard deviation (rad/s) that forgets within so many seconds, as the answer to gusts does."""
+    """Noise of a standard deviation (rad/s) with a correlation time (s), like the response to gusts."""
     chance, keep, values = np.random.default_rng(seed), np.exp(-STEP / seconds), [0.0]
     for fresh in chance.standard_normal(len(TIME) - 1):
         values.append(keep * values[-1] + size * np.sqrt(1 - keep**2) * fresh)
@@ -101,13 +101,13 @@ def swinging(size, period):
 
 
 def from_limit_to_limit():
-    """A loop that gusts drive, and that has lost its rhythm."""
+    """Return the command of a loop that gusts excite and that has lost its rhythm."""
     phase = 2 * pi * np.cumsum(STEP / 2.0 * np.exp(coloured(0.5, 2.0))) + np.random.default_rng(3).uniform(0, 6)
     return 2.0 * np.sin(phase)
 
 
 def test_figures_of_a_relay_between_the_limits_are_those_drawn_by_hand():
-    """Half a second each way: LIMIT deviates by itself, and 4 LIMIT are travelled in a second."""
+    """Half a second each way: the standard deviation is LIMIT, and the command moves by 4 LIMIT per second."""
     relay = np.where(np.arange(len(TIME)) // 10 % 2 == 0, LIMIT, -LIMIT)
     found = turn_figures(TIME, relay, ORBIT)
     assert found.turn_std_deg_s == pytest.approx(degrees(LIMIT))
@@ -118,7 +118,7 @@ def test_figures_of_a_relay_between_the_limits_are_those_drawn_by_hand():
 
 @pytest.mark.parametrize("wind", [0.0, 8.0, 0.5 * V])
 def test_what_the_circle_itself_asks_for_in_wind_deviates_as_theory_has_it(wind):
-    """Its amplitude is 2 W/R to first order in W/V: as much from the ground speed as from the crab angle."""
+    """To first order in W/V the amplitude is 2 W/R, half from the ground speed and half from the crab angle."""
     found = turn_figures(TIME, needed(wind), ORBIT)
     assert found.turn_std_deg_s == pytest.approx(degrees(2**0.5 * wind / R), rel=0.1)
 
@@ -128,15 +128,15 @@ def test_what_the_circle_itself_asks_for_in_wind_deviates_as_theory_has_it(wind)
     [
         *((needed(wind), False) for wind in (0.0, 8.0, 0.5 * V)),
         *((needed(wind) + coloured(0.03, 0.2), False) for wind in (0.0, 8.0, 0.5 * V)),
-        # the answer to strong gusts: 11 deg/s of standard deviation, at the limit now and then
+        # response to strong gusts: 11 deg/s of standard deviation, at the limit now and then
         *((needed(8.0) + coloured(0.2, seconds, seed), False) for seconds in (0.1, 0.5, 2.0) for seed in range(5)),
-        # swings of 1.1 deg/s, where the limit is 26
+        # oscillation of 1.1 deg/s, where the limit is 26 deg/s
         (needed(8.0) + swinging(0.02, 2.0), False),
-        # it rings in wind and noise, too; periods as flown on firmware: 1 s (copter), 2.5 .. 4.6 s (planes)
+        # oscillation in wind and noise too; periods as flown on firmware: 1 s (copter), 2.5 to 4.6 s (planes)
         *((needed(wind) + swinging(size, period) + coloured(0.04, 0.5), True)
           for wind in (0.0, 8.0) for size, period in ((0.12, 2.5), (0.3, 1.0), (0.5, 4.6))),
         (from_limit_to_limit(), True),
-        # less than half a lap is too little to name one
+        # less than half a lap is too short for a verdict
         *((swinging(0.3, 2.0)[: round(laps * 2 * pi * R / V / STEP)], laps > 0.5) for laps in (0.6, 0.49)),
     ],
     ids=lambda value: str(value) if isinstance(value, bool) else "",

@@ -1,4 +1,4 @@
-"""Replay: the same flight gives the same bytes, another mission other ones, and half a log half a flight."""
+"""Replay: the same flight gives the same bytes, another mission gives others, and half a log gives half a flight."""
 
 import dataclasses
 import math
@@ -29,19 +29,19 @@ def settings_of(folder, *overrides):
 
 
 def replayed(folder, *overrides):
-    """The pilot of a replay, and what came of it."""
+    """Return the pilot of a replay, and the result of the replay."""
     pilot = Pilot(settings_of(folder, *overrides))
     return pilot, replay(pilot, recorded_steps(folder))
 
 
 def gaps(folder, done):
-    """How far each column of the ticks moved at most."""
+    """Return the largest difference of each column of the ticks."""
     return {gap.column: gap.largest for gap in differences(open_run(folder).ticks, as_ticks(done.ticks))}
 
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
-    """20 s of the quickstart under the paper's first law, whose estimator does not look at the commands."""
+    """20 s of the quickstart under the paper's first law, whose estimator does not use the commands."""
     folder = tmp_path_factory.mktemp("flown")
     recorded_flight(folder, "quickstart", "limits.duration_s=20", *PLAIN).fly(30).recorder.close()
     return folder
@@ -69,7 +69,8 @@ def test_nothing_changed_gives_every_frame_byte_for_byte_at_its_time(tmp_path, o
     ("event", "at", "reason"), [("interrupt_at", 5.0, "SIGINT"), ("slow_at", 6.0, "flown to its end")]
 )
 def test_an_interrupt_and_a_turn_that_was_held_back_are_replayed_as_such(tmp_path, event, at, reason):
-    """The one with its safe setpoints; of the other nothing was sent, and neither ticks nor summary count it."""
+    """The interrupt has its safe setpoints. In the late step no setpoint was sent, and neither ticks nor summary
+    count it."""
     flight = recorded_flight(tmp_path, "quickstart", SHORT)
     setattr(flight, event, at)
     flight.fly(30).recorder.close()
@@ -83,7 +84,7 @@ def test_an_interrupt_and_a_turn_that_was_held_back_are_replayed_as_such(tmp_pat
 
 
 def test_an_impostor_with_the_vehicles_ids_is_told_apart_by_its_source(tmp_path):
-    """A heartbeat in LOITER from elsewhere moves nothing; with its source forgotten it would end the flight."""
+    """A heartbeat in LOITER from another address changes nothing. Without its source, it would end the flight."""
     flight = recorded_flight(tmp_path, "quickstart", SHORT)
     loiter = mavlink.MAVLink_heartbeat_message(2, 3, 0x81, 5, 4, 3).pack(mavlink.MAVLink(None, 1, 1))
     flight.fly(5)
@@ -118,7 +119,7 @@ def test_a_log_that_was_cut_off_is_replayed_up_to_there(flown, tmp_path, kept):
 
 
 def test_what_comes_after_the_pilots_end_is_not_counted(flown):
-    """Replayed for 5 s of the 20 that were flown: the ranges of the other 15 do not count as stalled."""
+    """Replayed for 5 s of the 20 s that were flown: the ranges of the other 15 s do not count as stalled."""
     pilot, done = replayed(flown, "limits.duration_s=5")
     assert done.ended < 10 < done.until
     assert "stalled" not in pilot.tracker.ranging.rejected
@@ -186,8 +187,8 @@ HOUR, YEAR = 3600, 31_536_000
          "one half an hour ahead"],
 )  # fmt: skip
 def test_a_clock_that_was_set_takes_no_time_and_is_told(flown, tmp_path, stamp, seconds, steps, single, says):
-    """The flight with other stamps, stamp(number of the record, us) -> us, in the same time: what is lost is a turn for
-    each step, and all that has no time; what disorder may add is 40 ms."""
+    """The same flight with other stamps, stamp(number of the record, us) -> us. Each clock step loses one loop step.
+    Records without a usable time are lost too, and disorder may add 40 ms."""
     records = enumerate(read_tlog(flown / "flight.tlog"))
     data = [struct.pack(">Q", round(stamp(number, us))) + frame for number, (us, frame) in records]
     (tmp_path / "x.tlog").write_bytes(b"".join(data))

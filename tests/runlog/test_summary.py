@@ -1,4 +1,4 @@
-"""summary.json: keys that users' scripts read, and figures worked out by hand."""
+"""summary.json: keys that users' scripts read, and figures by hand."""
 
 import json
 import math
@@ -24,7 +24,7 @@ FACTS = FlightFacts(
 
 @pytest.fixture
 def summary(run_folder):
-    """Of a run folder with other ticks and facts; see `rewrite_ticks`."""
+    """Return a function that summarizes a run folder with changed ticks and facts; see `rewrite_ticks`."""
 
     def make(change=lambda time, row: None, facts=FACTS, **kind):
         folder = rewrite_ticks(run_folder(**kind), change)
@@ -34,8 +34,8 @@ def summary(run_folder):
 
 
 def test_the_figures_are_those_of_the_flight_after_engaging(summary):
-    """Engaged at 10 s, at 101 m from 100 s on; the band of 5 % is entered then, 90 s after engaging. The keys are those
-    that scripts read."""
+    """Engaged at 10 s, at 101 m from 100 s on. The band of 5 % is entered then, 90 s after engaging. Users' scripts
+    read these keys."""
     made = summary()
     figures = {"settled_s": 90.0, "radius_mean_m": 101.0, "radius_rms_error_m": 1.0}
     assert {key: made[key] for key in figures} == pytest.approx(figures)
@@ -56,11 +56,11 @@ def test_the_figures_are_those_of_the_flight_after_engaging(summary):
         ({"clockwise": False}, {}, {"direction": "clockwise", "direction_commanded": "counterclockwise"}),
         # left at 1 rad/s for 90 s, then right at 0.15 rad/s for 200 s
         ({}, {(10, 100): {"turn_rate": "1.0"}}, {"direction_commanded": "clockwise"}),
-        # from second 200 on there was no link, and the ticks held what was extrapolated
+        # from second 200 on the link was lost, and the ticks held extrapolated values
         ({}, {(200, 999): {"phase": "waiting for the link", "r": "20.0"}}, {"radius_mean_m": 101.0, "settled_s": 90.0}),
-        # 106 m for a moment; the last entry, after 240 s, is no settling time
+        # 106 m for a moment; the last entry, after 240 s, does not count as settled
         ({}, {(250, 250.5): {"r": "106.0"}}, {"settled_s": None}),
-        # taken over from second 100 to 150, given back in a hurry at 200; holding its turn it was still ours
+        # taken over from second 100 to 150, returned for a moment at 200; while holding its turn it was still steered
         ({}, {(100, 150): {"phase": "yielded"}, (200, 200.5): {"phase": "ready"}, (250, 260): {"phase": "holding"}},
          {"flown_s": 290.0, "steered_s": 239.5}),
     ],
@@ -86,7 +86,7 @@ def test_a_flight_that_never_engaged_has_no_figures(summary):
 
 
 def test_a_flight_is_as_long_as_it_was_flown_and_not_as_it_was_recorded(summary):
-    """Recorded are 300 s, or nothing; it went on to second 500."""
+    """300 s are recorded, or nothing, and the flight lasted until 500 s."""
     flown = replace(FACTS, engaged_s=10.0, until_s=500.0, recording_problem="full")
     made = summary(facts=flown)
     assert made["flown_s"] == 490.0
@@ -97,8 +97,8 @@ def test_a_flight_is_as_long_as_it_was_flown_and_not_as_it_was_recorded(summary)
 
 
 def test_how_quiet_the_stick_was_is_that_of_the_last_third_of_what_was_steered(summary):
-    """The turn swings by 0.1 rad/s, one tick in four at the limit, from second 200 on; before, and out of the phase
-    that steers, nothing of that counts."""
+    """From 200 s on, the turn rate alternates by 0.1 rad/s, with one tick in four at the limit. Values before 200 s
+    and in other phases do not count."""
 
     def change(time, row):
         at, swings = round(2 * time), time >= 200

@@ -1,4 +1,4 @@
-"""Ticks and truth of a run folder read back, also of one that was cut off; what docs/logs.md says of them."""
+"""Ticks and truth of a run folder read back, also from an incomplete one, and their description in docs/logs.md."""
 
 import re
 import struct
@@ -41,7 +41,7 @@ def test_the_truth_is_found_in_the_log_at_the_runs_own_time(run_folder):
 
 
 def truth(north, system=1, *, spoilt=None):
-    """The truth that a vehicle tells, one of its numbers spoilt."""
+    """Return a vehicle's truth message, with one value spoilt."""
     numbers = [nan if at == spoilt else north for at in range(58)]
     return system, mavlink.MAVLink_debug_float_array_message(0, b"SIM_TRUTH", 0, numbers)
 
@@ -57,7 +57,7 @@ def truth(north, system=1, *, spoilt=None):
     ids=["a real vehicle", "no numbers", "the vehicle that was flown", "the first that tells"],
 )
 def test_the_truth_is_that_of_one_vehicle_and_whole(tmp_path, said, system, norths):
-    """Whoever reaches our port can send some."""
+    """Any sender that reaches our port can send such messages."""
     frames = [bytes(message.pack(mavlink.MAVLink(None, srcSystem=sender))) for sender, message in said]
     (tmp_path / "flight.tlog").write_bytes(b"".join(struct.pack(">Q", EPOCH_US) + frame for frame in frames))
     found = read_truth(tmp_path, EPOCH_US, system)

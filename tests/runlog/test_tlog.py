@@ -30,7 +30,7 @@ def records():
 
 @pytest.fixture
 def log(tmp_path):
-    """What is read of a log of these bytes."""
+    """Return a function that reads a log of some bytes."""
 
     def read(data, read=read_tlog):
         path = tmp_path / "some.tlog"
@@ -74,7 +74,7 @@ def test_behind_a_damage_the_next_good_record_is_found(log, records, tmp_path, m
 
 @pytest.mark.parametrize("at", range(11), ids=lambda at: f"byte {at}")
 def test_a_bit_that_flipped_costs_no_other_record(log, records, at):
-    """Of the stamp, the magic byte, the length and the flags."""
+    """The flipped bit is in the stamp, the magic byte, the length or the flags."""
     for bit in range(8):
         torn = bytearray(records[60])
         torn[at] ^= 1 << bit

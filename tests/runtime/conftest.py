@@ -1,4 +1,4 @@
-"""Statuses of a real flight in lockstep, and of what can go wrong in it."""
+"""Statuses of a real flight in lockstep, also of flights with faults."""
 
 from collections.abc import Callable
 from functools import cache
@@ -21,8 +21,8 @@ EVENTS = {
 
 @pytest.fixture(scope="session")
 def statuses() -> Callable[..., list[Status]]:
-    """The statuses, four a second, of some seconds of the quickstart under overrides, and what happens at second 6.
-    how: its law and output."""
+    """Return the statuses, 4 per second, of some seconds of the quickstart with overrides and an event at 6 s. how:
+    its law and output."""
 
     @cache
     def fly(seconds: float, *overrides: str, event: str | None = None, **how: Any) -> list[Status]:

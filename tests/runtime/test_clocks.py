@@ -1,5 +1,5 @@
-"""The clocks: ours, one that goes with the autopilot through gaps, reboots, pauses and the wrap of its counter, and
-simulated time, which goes from event to event."""
+"""The clocks: ours, the autopilot's through gaps, reboots, pauses and the wrap of its counter, and simulated time,
+which advances from event to event."""
 
 import math
 import random
@@ -50,7 +50,7 @@ def test_seconds_count_from_the_start_at_the_runs_speed_and_waits_are_real(ticki
 @pytest.mark.skipif(not hasattr(time, "CLOCK_BOOTTIME"), reason="only Linux tells how long it slept")
 @BOTH
 def test_time_goes_on_while_the_computer_sleeps(make, monkeypatch):
-    """The lid is closed for ten minutes: the pilot has to see the gap."""
+    """The lid is closed for ten minutes: the gap must be visible to the pilot."""
     clock, slept = make(), {time.CLOCK_BOOTTIME: 600.0}
     before, tell = clock.now(), time.clock_gettime
     monkeypatch.setattr(time, "clock_gettime", lambda which: tell(which) + slept.get(which, 0.0))
@@ -73,7 +73,7 @@ def test_the_epoch_is_the_wall_clock_at_second_0_whose_jumps_move_nothing(make, 
 
 
 class Autopilot:
-    """One that flies `speed` times as fast as the real time, which the test moves, and the clock that hears it."""
+    """An autopilot at `speed` times real time, which the test advances, and the clock that follows it."""
 
     def __init__(self, ticking):
         self.ticking, self.boot, self.speed = ticking, 100.0, 1.0
@@ -81,8 +81,8 @@ class Autopilot:
         self.clock = AutopilotClock(lambda: self.told)
 
     def run(self, seconds, *, every=0.05, late=None):
-        """Let real time pass; the clock is read each 10 ms and hears each `every` s of the autopilot's time, `late` by
-        some. Returns how far the clock went."""
+        """Let real time pass. The clock is read every 10 ms and receives a boot time every `every` s of the
+        autopilot's time, `late()` s old. Return the time by which the clock advanced."""
         before, due = self.clock.now(), self.boot + every
         for _ in range(round(seconds / 0.01)):
             self.ticking["now"] += 0.01
@@ -104,14 +104,14 @@ def autopilot(ticking):
 
 
 def lateness(seed):
-    """Of messages, s: 50 ms in the mean."""
+    """Return a function that draws the delay of a message, s: 50 ms in the mean."""
     draw = random.Random(seed)
     return lambda: draw.expovariate(1 / 0.05)
 
 
 @pytest.mark.parametrize("speed", [0.2, 1.0, 5.0])
 def test_before_the_first_boot_time_it_is_the_local_clock_and_one_a_second_is_enough(autopilot, speed):
-    """SYSTEM_TIME alone, before ATTITUDE was asked for."""
+    """SYSTEM_TIME alone, before ATTITUDE was requested."""
     assert autopilot.silent(3.0) == pytest.approx(3.0)
     assert autopilot.clock.until(4.0) == pytest.approx(1.0)
     autopilot.speed = speed
@@ -120,7 +120,7 @@ def test_before_the_first_boot_time_it_is_the_local_clock_and_one_a_second_is_en
 
 
 def test_it_does_not_drift_away_in_the_long_run(autopilot):
-    """A simulator that cannot quite hold its speed, heard late: within a second in 1500."""
+    """A simulator that cannot quite hold its speed, with late messages: within 1 s in 1500 s."""
     autopilot.speed, draw, late = 5.0, random.Random(2), lateness(2)
     autopilot.run(5.0)
     lead = autopilot.clock.now() - autopilot.boot
@@ -155,14 +155,14 @@ def reboots(autopilot):
 
 
 def stands_still(autopilot):
-    """A simulator that is paused: silence, and then the boot time goes on where it stopped."""
+    """A paused simulator: silence, and then the boot time continues from its last value."""
     stood = autopilot.boot
     autopilot.silent(10.0)
     autopilot.boot = stood
 
 
 def changes_places(autopilot):
-    """The last message comes after one that was sent later."""
+    """The last message arrives after one that was sent later."""
     before = autopilot.clock.now()
     autopilot.told -= 0.2
     assert autopilot.clock.now() == before
@@ -201,7 +201,7 @@ def test_it_takes_the_autopilots_speed_and_follows_a_change_within_seconds(autop
 
 
 class Metronome:
-    """A vehicle that does something every 20 ms, and notes what it is asked."""
+    """A vehicle that acts every 20 ms and records its calls."""
 
     def __init__(self):
         self.time, self.received = 0.0, []
@@ -236,7 +236,7 @@ def test_a_pace_waits_in_real_seconds_and_ends_at_the_same_times(ticking):
     for expected in (0.02, 0.04, 0.06):
         wait = clock.until(1.0)
         assert wait == pytest.approx(0.04, abs=1e-9)
-        ticking["now"] += wait - 1e-4  # as a wait may end
+        ticking["now"] += wait - 1e-4  # a wait may end like this
         clock.advance(1.0)
         assert clock.now() == expected
         ticking["now"] = 1000.0 + expected / 0.5
@@ -259,7 +259,7 @@ def test_a_pace_keeps_to_real_time(ticking, others, passed, goes_on):
 
 
 def test_every_tick_that_is_due_is_reached_in_whole_microseconds():
-    """A product rounded down would be a time before the tick, and the loop would turn there for ever."""
+    """A product rounded down would be a time before the tick, and the loop would never advance."""
     clock = Lockstep(Metronome())
     for tick in range(1, 2_000):
         moment = math.nextafter(tick * 1e-6, 1.0)

@@ -1,4 +1,4 @@
-"""How a flight is shown: a picture or plain lines, and never in the way of the loop."""
+"""The display of a flight, as a picture or plain lines: it never delays the loop."""
 
 import io
 import threading
@@ -17,15 +17,15 @@ from tests.process import PATIENCE
 
 @pytest.fixture(autouse=True)
 def patient(monkeypatch):
-    """A busy machine may draw slowly: how long is not judged here."""
+    """A busy machine may draw slowly, and the tests do not judge the time."""
     monkeypatch.setattr(display_module, "PATIENCE", PATIENCE)
 
 
-# --- never in the way ---
+# --- no delay of the loop ---
 
 
 class Screen:
-    """A screen that remembers what was drawn on it, and may be stuck or broken."""
+    """A screen that records the pictures drawn on it, and that may be stuck or broken."""
 
     def __init__(self, fails=None):
         self.seen, self.fails, self.closed = [], fails, False
@@ -44,18 +44,18 @@ class Screen:
 
 
 def showing(display):
-    """What the runner does after each step."""
+    """Return a function that updates the display like the runner after each step."""
     return lambda flown: display.on_step(flown.ticks[-1] if flown.ticks else None, LoopStep(flown.now), None)
 
 
 def test_a_stuck_terminal_delays_no_tick_and_gets_the_newest_picture_later():
-    """One that was stopped with Ctrl-S while the first picture was drawn."""
+    """The terminal was stopped with Ctrl-S while the first picture was drawn."""
     flown, screen = flight("quickstart"), Screen()
     screen.go_on.clear()
     display = Display(screen, flown.pilot, Onlookers(), 0.0, last=True)
     flown.fly(1.0, showing(display))
     assert screen.entered.wait(PATIENCE)
-    flown.fly(20.0, showing(display))  # would never return if it waited
+    flown.fly(20.0, showing(display))  # would never return if it waited for the terminal
     screen.go_on.set()
     display.close()
     assert screen.closed

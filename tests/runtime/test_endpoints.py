@@ -62,11 +62,11 @@ def test_an_endpoint_that_is_none_is_refused_in_one_line_that_repeats_it(text, p
     assert "\n" not in str(caught.value)
 
 
-# --- endpoints that cannot be opened: one line, and whether to wait for somebody helps ---
+# --- endpoints that cannot be opened: one line, and a flag if waiting for the peer may help ---
 
 
 def refusal(text):
-    """Why it was refused, and whether nobody is there."""
+    """Return the reason of a refusal, and whether the peer is missing."""
     with pytest.raises(LinkError) as caught:
         open_link(text)
     words = str(caught.value)
@@ -87,8 +87,8 @@ def test_a_serial_device_that_is_not_there_is_refused_and_one_without_the_packag
 
 @pytest.mark.parametrize("kind", ["udpin", "udpout", "tcp"])
 def test_a_host_that_can_be_no_name_or_that_nobody_knows_is_refused(kind, monkeypatch):
-    """An empty label, or one beyond 63 letters: the resolver is not even asked. Else, without asking a name server, the
-    resolver's own error."""
+    """With an empty label, or one beyond 63 letters, the resolver is not called. Otherwise the message is the
+    resolver's own error, here without a name server."""
     for host in ("192.168..1", ".localhost", 70 * "a"):
         assert refusal(f"{kind}:{host}:14550") == ("unknown host name", False)
 

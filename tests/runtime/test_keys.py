@@ -1,4 +1,4 @@
-"""Key files that are refused, in one line each; and a timestamp that outlives the process."""
+"""Key files that are refused, each in one line, and a timestamp that outlives the process."""
 
 import os
 from pathlib import Path
@@ -77,7 +77,7 @@ def test_a_key_that_is_not_there_and_a_folder_and_a_pipe_are_refused(path: Path,
 
 
 class Flight:
-    """Signs under a wall clock that the test sets, s after BEGAN."""
+    """A flight that signs under a wall clock set by the test, s after BEGAN."""
 
     def __init__(self, path: Path, seconds: float = 0.0) -> None:
         self.seconds, self.signing = seconds, Signing(KEY)
@@ -89,7 +89,7 @@ class Flight:
 
     @property
     def signed(self) -> float:
-        """The timestamp, s after BEGAN."""
+        """The newest signed timestamp, s after BEGAN."""
         return self.signing.timestamp / SECOND - BEGAN
 
 
@@ -105,7 +105,7 @@ def test_a_restart_goes_on_where_the_last_run_ended_though_the_clock_was_set_bac
 
 @pytest.mark.parametrize("seconds", [0.0, 9.9, 15.0, 61.7])
 def test_a_killed_process_signs_nothing_again_and_its_file_is_written_seldom(path, seconds, monkeypatch):
-    """It never comes to close the file; the clock has gone back meanwhile."""
+    """The killed process never closes the file, and the clock is set back before the restart."""
     writes, replace = [], os.replace
     monkeypatch.setattr(os, "replace", lambda *names: writes.append(names) or replace(*names))
     killed = Flight(path)
@@ -121,7 +121,7 @@ def test_a_killed_process_signs_nothing_again_and_its_file_is_written_seldom(pat
 @pytest.mark.parametrize("ends", ["closed", "killed"])
 @pytest.mark.parametrize("down", [0.0, 3.0, 50.0])
 def test_after_a_restart_every_frame_of_before_is_refused_and_the_real_senders_go_on(path, ends, down):
-    """Radio and vehicle send for 20 s; all is said again after the restart, while both are silent."""
+    """Radio and vehicle send for 20 s. After the restart all frames are repeated while both are silent."""
     first, recorded = Flight(path), []
     radio, vehicle = voice(KEY, component=192), voice(KEY)
     for step in range(200):

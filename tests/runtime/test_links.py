@@ -1,4 +1,4 @@
-"""UDP, TCP and serial links over what the kernel really has: loopback sockets and a pseudo terminal."""
+"""UDP, TCP and serial links over real kernel objects: loopback sockets and a pseudo terminal."""
 
 import os
 import pty
@@ -18,7 +18,7 @@ UDP = (socket.AF_INET, socket.SOCK_DGRAM)
 
 
 def received(link, now=0.0):
-    """What comes in once the link's descriptor has something, with its source."""
+    """Wait until the link's descriptor is readable, and return its data with the source."""
     select.select([link.fileno()], [], [], PATIENCE)
     return link.receive(now)
 
@@ -28,7 +28,7 @@ def receive(link, now=0.0):
 
 
 def portions(link):
-    """What waits in a link, call by call."""
+    """Return the waiting data of a link, call by call."""
     found = []
     while portion := link.receive(0.0):
         found.append([data for data, _ in portion])
@@ -36,7 +36,7 @@ def portions(link):
 
 
 def opened(request, text):
-    """A link that is closed after the test."""
+    """Open a link that is closed after the test."""
     link = open_link(text)
     request.addfinalizer(link.close)
     return link
@@ -52,7 +52,7 @@ def udp():
 
 @pytest.fixture
 def udpin(request, udp):
-    """A link that waits, with `udp` connected to it."""
+    """A link on a local port, with `udp` connected to it."""
     link = opened(request, "udpin:127.0.0.1:0")
     udp.connect(("127.0.0.1", link.port))
     return link
@@ -65,7 +65,7 @@ def udpout(request, udp):
 
 @pytest.fixture
 def server(port):
-    """On a port that nobody else takes when it has gone."""
+    """A server on a port that stays reserved after the server has closed."""
     with closing(socket.create_server(("127.0.0.1", port))) as listening:
         listening.settimeout(PATIENCE)
         yield listening
@@ -109,7 +109,7 @@ def test_a_flood_is_taken_in_portions_in_their_order_and_none_is_lost(udp, udpin
 
 
 def test_what_waits_in_a_flooded_socket_is_not_old(udp, udpin):
-    """A longer queue loses nothing less: it only makes everything in it late, a takeover too."""
+    """A longer queue would lose no less. It would only delay all its frames, including a takeover."""
     for _ in range(3000):
         udp.send(bytes(1400))
     assert sum(len(data) for portion in portions(udpin) for data in portion) < 400_000, "0.4 s at 1 MB/s"
@@ -135,8 +135,8 @@ def test_udpin_hears_the_addresses_that_the_mission_names_and_no_other(host, pee
 
 
 def test_udpout_speaks_to_its_own_address_only_and_hears_no_other(udp, udpout):
-    """As a vehicle that still speaks to our fixed port, when we have gone on to another: else the one would be heard
-    and the other commanded. A second link cannot have that port, and takes another."""
+    """A vehicle may still send to our fixed port after our link was opened to another vehicle. Otherwise one vehicle
+    would be received and the other commanded. A second link cannot have that port, and takes another."""
     udpout.send(b"again", ("127.0.0.1", 9))
     assert udp.recv(100) == b"again"
     with closing(open_link(f"udpout:127.0.0.1:{udp.getsockname()[1]}")) as second:
@@ -152,7 +152,7 @@ def test_udpout_speaks_to_its_own_address_only_and_hears_no_other(udp, udpout):
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "127.0.1.1", "localhost"])
 def test_udpout_hears_this_computer_by_whatever_name(host):
-    """It answers as 127.0.0.1."""
+    """The vehicle's answers come from 127.0.0.1."""
     with closing(socket.socket(*UDP)) as vehicle:
         vehicle.bind(("0.0.0.0", 0))
         vehicle.settimeout(PATIENCE)
@@ -172,7 +172,7 @@ def test_a_crowd_of_strangers_is_told_in_few_words(udpout):
 
 
 def test_a_peer_that_refuses_is_silence_and_counted_and_may_come_back(request, port):
-    """ICMP "port unreachable" shows as an error on the socket."""
+    """ICMP "port unreachable" appears as an error of the socket."""
     link = opened(request, f"udpout:127.0.0.1:{port}")
     for _ in range(3):
         link.send(b"anybody?", None)
@@ -218,7 +218,7 @@ LINGER = {"its end": bytes(8), "a reset": b"\x01" + bytes(7)}
 def test_a_tcp_server_that_comes_and_goes_is_connected_again_a_second_later_as_quick_as_before(
     server, tcp, monkeypatch, end
 ):
-    """Its name is not looked up again: a name server may fail in flight, and would delay the loop."""
+    """Its name is not resolved again: a name server may fail in flight, and would delay the loop."""
     monkeypatch.delattr(socket, "getaddrinfo")
     there, now = server.accept()[0], 10.0
     before = len(os.listdir("/proc/self/fd"))
@@ -244,7 +244,7 @@ def test_a_tcp_server_that_comes_and_goes_is_connected_again_a_second_later_as_q
 
 
 def test_a_dead_tcp_server_does_not_make_the_loop_spin(server, tcp):
-    """A thousand calls between two retries make one attempt; there is nothing to select on meanwhile."""
+    """A thousand calls between two retries make one attempt. Meanwhile the link has no descriptor to select on."""
     server.accept()[0].close()
     assert receive(tcp) == []
     server.close()
@@ -259,8 +259,8 @@ def test_a_dead_tcp_server_does_not_make_the_loop_spin(server, tcp):
 
 
 def test_a_peer_that_does_not_read_delays_nothing_and_one_that_vanishes_without_a_word_is_given_up(server, tcp):
-    """A full buffer loses bytes instead. Half-open, where nothing is acknowledged, Linux ends the connection when it is
-    told to."""
+    """A full buffer loses bytes instead. On a half-open connection without acknowledgements, Linux ends the
+    connection after the timeout of the socket."""
     with socket.socket(fileno=os.dup(tcp.fileno())) as twin:
         assert twin.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == 3000
     with closing(server.accept()[0]):
@@ -273,8 +273,8 @@ def test_a_peer_that_does_not_read_delays_nothing_and_one_that_vanishes_without_
 
 
 class Line:
-    """A device that can be unplugged, under a name of its own, as udev makes it: its number goes to the next who asks
-    for a terminal, another test for one."""
+    """A device that can be unplugged, under a fixed name like one from udev. Its pty number may be reused by the
+    next terminal, also in another test."""
 
     def __init__(self, name):
         pytest.importorskip("serial")
@@ -342,7 +342,7 @@ FAILURES = [termios.error(5, "Input/output error"), ValueError("not a baud rate"
 def test_a_serial_device_may_fail_in_every_way_while_it_is_read_written_closed_and_opened_again(
     line, serial, monkeypatch, error
 ):
-    """The last that pyserial does with a device that it opens is to flush it, and what that raises it passes on."""
+    """When pyserial opens a device, it flushes it last, and an error of the flush is raised to the caller."""
     with monkeypatch.context() as failing:
         for action in ("read", "close", "fileno"):
             failing.setattr(serial._port, action, Mock(side_effect=error))

@@ -1,4 +1,4 @@
-"""Onlookers: one that fails, in whatever it does, ends no flight, is reported, and leaves the others alone."""
+"""Onlookers: a failure in any call is reported, and neither ends the flight nor affects other onlookers."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from circnav_mav.runtime.onlookers import Onlooker, Onlookers
 
 
 class Sound(Onlooker):
-    """Does everything that an onlooker can do, and remembers the steps that it was shown."""
+    """Implements every call of an onlooker, and records the steps that it receives."""
 
     name = "sound"
 
@@ -37,7 +37,7 @@ def fails(*given):
 
 
 def flown(one, other):
-    """What comes of a short flight with two onlookers."""
+    """Return the results of a short flight with two onlookers."""
     onlookers, summary = Onlookers([one, other]), {"notes": []}
     onlookers.start(1)
     frames = []

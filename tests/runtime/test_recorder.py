@@ -1,4 +1,4 @@
-"""The run folder: read back by pymavlink's own log reader, and a disk that fails in every way."""
+"""The run folder, read back by pymavlink's own log reader, and disk failures of all kinds."""
 
 import csv
 from pathlib import Path
@@ -45,7 +45,7 @@ def recorder(tmp_path, monkeypatch):
 
 
 def test_the_tlog_is_read_back_by_pymavlinks_own_reader(recorder):
-    """Frame by frame, with the moment of each; and the mission beside it, as flown."""
+    """Frame by frame with its time, and the mission as flown beside it."""
     for i, frame in enumerate(frames(40)):
         recorder.step(LoopStep(0.05 * i, sent=[frame]))
     recorder.close()
@@ -75,7 +75,7 @@ def test_every_tick_is_a_line_and_every_field_a_column(recorder):
 
 
 def test_what_is_written_is_on_the_disk_at_once(recorder):
-    """Whatever happens to the process."""
+    """Otherwise a crash of the process would lose recorded steps."""
     recorder.step(LoopStep(0.5, sent=frames(30)))
     recorder.ticks([tick()])
     until(lambda: "engaged" in (recorder.folder / "ticks.csv").read_text())
@@ -140,7 +140,7 @@ def test_a_bounded_run_folder_keeps_its_bound_and_the_ticks_outlast_the_frames(r
 
 
 def test_a_disk_that_hangs_costs_gaps_and_not_all_the_memory(tmp_path, monkeypatch):
-    """Nobody writes: the recorder's thread was never started, as if it hung in its first write."""
+    """The recorder's thread was never started, as if it hung in its first write."""
     monkeypatch.setattr("circnav_mav.runtime.recorder.MOST_WAITING", 50)
     recorder = Recorder(tmp_path, "")
     for i in range(200):

@@ -1,4 +1,4 @@
-"""The loop: what it receives, sends, records, and how it is stopped."""
+"""The loop: received, sent and recorded data, and its end."""
 
 import signal
 from unittest.mock import Mock
@@ -17,8 +17,8 @@ def frame(number):
 
 
 class FakeClock:
-    """Time moves by a tick each time it is asked. `stop`: the process is stopped for a time, s; the run goes at ten
-    times real time."""
+    """A clock that advances by one tick at each reading. `stop`: the process is stopped for some seconds. The run is
+    ten times as fast as real time."""
 
     longest_wait = 0.05
 
@@ -57,7 +57,7 @@ class FakeLink:
 
 
 class FakePilot:
-    """Ends after some steps, or two steps after an interrupt. It is a survey, too."""
+    """Ends after some steps, or two steps after an interrupt. Also used as a preflight listener."""
 
     next_tick, scheduler, session = 0.0, Mock(due=0.0), Mock(reply_to="the vehicle")
 
@@ -99,7 +99,7 @@ class FakePilot:
 
 
 class Showing(Onlooker):
-    """Passes what it is shown on to a function of the newest tick and the step."""
+    """Calls a function with the newest tick and the step."""
 
     def __init__(self, show):
         self.show = show
@@ -130,7 +130,7 @@ def stop():
 
 @pytest.fixture
 def fly(stop):
-    """Run a pilot to its end; what was recorded."""
+    """Return a function that runs a pilot to its end and returns the recorder."""
 
     def run_to_the_end(pilot, *onlookers, clock=None, recorder=None, signing_time=None, **links):
         recorder, attached = recorder or FakeRecorder(), Onlookers([*onlookers])
@@ -149,7 +149,7 @@ def test_the_pilot_is_given_what_comes_in_with_its_source_and_link_and_what_it_s
     screen = Showing(lambda tick, step: shown.append((tick, step.time)))
     recorder = fly(pilot, screen, vehicle=vehicle, ranging=ranging)
     assert pilot.received == [(b"a", "x", "vehicle"), (b"c", "radio", "ranging"), (b"b", "y", "vehicle")]
-    said = [frame(1), frame(101), frame(0), frame(100)]  # the setpoint on its own, at once
+    said = [frame(1), frame(101), frame(0), frame(100)]  # the setpoint separately, at once
     assert vehicle.sent == [(one, "the vehicle") for one in said]
     assert recorder.kept == said
     assert recorder.ticked == [1, 0]
@@ -168,7 +168,7 @@ def test_signals_interrupt_the_pilot_once_and_let_it_say_goodbye(fly, number):
 
 
 class Lasting(Onlooker):
-    """Has something to do until a signal has come, and one frame to send then."""
+    """Busy until a signal, with one frame to send afterwards."""
 
     busy, steps = True, 0
 
@@ -181,7 +181,7 @@ class Lasting(Onlooker):
 
 
 def test_an_onlooker_keeps_the_loop_going_after_guidance_until_a_signal_which_it_is_shown_in_a_step_of_its_own(fly):
-    """In which the vehicle gets its streams back, and the record what was sent."""
+    """In that step the vehicle gets its streams back, and the frames sent are recorded."""
     lasting, pilot, vehicle = Lasting(), FakePilot(1), FakeLink()
     pilot.mission.outcome = "completed"
     recorder = fly(pilot, lasting, vehicle=vehicle)
@@ -203,8 +203,8 @@ def test_frames_that_an_onlooker_exchanged_with_others_are_recorded_and_never_se
 @pytest.mark.parametrize(("seconds", "stands"), [(0.4, False), (5.0, True)])
 @pytest.mark.parametrize("moment", ["reading", "decoding", "deciding", "preparing the rest"])
 def test_what_was_to_be_said_before_the_process_stood_still_is_not_said_after_it(fly, seconds, stands, moment):
-    """In its second step. The vehicle may be in other hands by then; a setpoint or a mode would be of before. And a
-    range dated seconds before it was sent would make every later one look old."""
+    """The process stops in its second step. A setpoint or mode request from before is obsolete, because the operator
+    may have taken over. A range dated seconds before it was sent would make all later ones look old."""
     pilot, clock, vehicle = FakePilot(3), FakeClock(), FakeLink(*[(b"a", "x")] * 3)
     where, name = {"reading": (vehicle, "receive"), "decoding": (pilot, "receive"), "deciding": (pilot, "decide"),
                    "preparing the rest": (pilot, "prepare_the_rest")}[moment]  # fmt: skip
@@ -218,7 +218,7 @@ def test_what_was_to_be_said_before_the_process_stood_still_is_not_said_after_it
 
     setattr(where, name, stops)
     recorder = fly(pilot, vehicle=vehicle, clock=clock)
-    held_back = stands and moment != "preparing the rest"  # the setpoint was sent before
+    held_back = stands and moment != "preparing the rest"  # the setpoint had already been sent
     assert len(vehicle.sent) == 6 - stands - held_back
     assert held_back == sum(step.held_back for step in recorder.steps)
     assert recorder.kept == [words for words, _ in vehicle.sent], "the log tells what was sent"

@@ -1,4 +1,4 @@
-"""What is told of a flight: why it waits, what is wrong, how much comes in; and the picture of it, of 80 by 24."""
+"""Status of a flight: reasons for waiting, alarms and data rates, and its picture of 80 by 24 characters."""
 
 import io
 import re
@@ -23,7 +23,7 @@ STALE = r"RANGE STALE 4\.\d s: holding the circle's turn rate with 20 setpoints 
 
 
 def drawn(*statuses, ascii_only=False, settings=SETTINGS, columns=80, rows=0):
-    """The picture of the last of these statuses as lines of text."""
+    """Return the picture of the last of these statuses as lines of text."""
     console = Console(width=columns, file=io.StringIO(), color_system=None)
     picture = Picture(settings, "small", ascii_only=ascii_only)
     for status in statuses:
@@ -86,7 +86,7 @@ def test_a_flight_that_goes_well_raises_no_alarm_tells_its_rates_and_counts_from
 
 
 def test_ranges_that_are_refused_are_counted_by_reason_and_those_of_an_outage_or_of_others_not_at_all(statuses):
-    """PX4 repeats what the radio says under its own id."""
+    """PX4 repeats the radio's ranges under its own id."""
     rejecting = statuses(8.0, "ranging.bias_m=900.0")[-1]
     assert list(rejecting.rejected) == ["no_range"]
     assert re.search(r"rejected +\d+ of \d+: \d+ no_range", "\n".join(drawn(rejecting)))
@@ -119,7 +119,7 @@ def test_a_vehicle_that_is_gone_leaves_no_range_that_counts_down(statuses):
 
 
 def test_the_target_is_told_as_seen_from_the_vehicle_and_drift_by_where_it_goes_and_a_recording_that_stopped():
-    """Vehicle 30 m east and 40 m south of the target, carried north: by hand."""
+    """The vehicle is 30 m east and 40 m south of the target and drifts north."""
     flown = flight("quickstart").fly(6.0)
     tick = flown.ticks[-1]._replace(x=30.0, y=-40.0, drift_x=0.0, drift_y=2.0, turn_gain=0.72, turn_delay=0.46)
     status = StatusSource(flown.pilot, Onlookers()).status(tick, 6.0, "disk full")
@@ -132,7 +132,7 @@ def test_the_target_is_told_as_seen_from_the_vehicle_and_drift_by_where_it_goes_
 
 
 def test_a_wide_terminal_is_used_and_one_below_80_columns_gets_80(statuses):
-    """The bar as wide as the terminal allows: 41 cells of 80, 101 of 140; and no word is left out for want of room."""
+    """The bar is as wide as the terminal allows: 41 cells of 80, 101 of 140. At 140 columns no text is shortened."""
     for columns, cells in ((60, 41), (80, 41), (140, 101)):
         picture = Picture(SETTINGS, "small", ascii_only=False).draw(statuses(12.0)[-1], columns)
         assert picture.width == max(columns, 80)
@@ -143,8 +143,8 @@ def test_a_wide_terminal_is_used_and_one_below_80_columns_gets_80(statuses):
 
 @pytest.mark.parametrize("height", [6, 14])
 def test_a_low_terminal_shows_phase_and_alarm(statuses, height):
-    """It has no room for all rows, and leaves out the last. Nothing is written before the first picture: by the
-    display's own thread, for it may have to wait for ever."""
+    """The picture omits the last rows for lack of space. The display's own thread writes the first picture, because
+    writing may block forever."""
     console = Console(width=80, height=height, file=io.StringIO(), color_system=None, force_terminal=True)
     screen = LiveScreen(console, Picture(SETTINGS, "small", ascii_only=False))
     assert console.file.getvalue() == ""
@@ -155,7 +155,7 @@ def test_a_low_terminal_shows_phase_and_alarm(statuses, height):
 
 
 def test_bars_lean_to_the_side_that_is_flown_and_the_sparkline_falls_with_the_error(statuses):
-    """A clockwise circle turns right; the vehicle comes from outside the circle."""
+    """A clockwise circle turns right. The vehicle approaches from outside the circle."""
     far = next(line for line in drawn(statuses(6.0)[-1]) if line.startswith("│             0 "))
     assert far.rstrip(" │").endswith("> 200 m")
     picture, flown = Picture(SETTINGS, "small", ascii_only=False), statuses(40.0)
@@ -186,7 +186,7 @@ def test_no_word_is_cut_at_80_columns_by_long_addresses_nor_the_limit_that_is_re
 
 @pytest.mark.parametrize("ascii_only", [False, True])
 def test_a_large_terminal_is_filled_with_the_track_and_the_range(statuses, ascii_only):
-    """Clockwise round the target: east of it the vehicle's arrow points south."""
+    """Clockwise around the target: east of it the vehicle's arrow points south."""
     flown = statuses(60.0, law="auto")
     east = next(one for one in reversed(flown) if one.tick.x and one.tick.x > 95)
     lines = drawn(*flown[: flown.index(east) + 1], ascii_only=ascii_only, columns=200, rows=50)
@@ -204,11 +204,11 @@ def test_a_large_terminal_is_filled_with_the_track_and_the_range(statuses, ascii
         assert "".join(line.strip("│╭╮╰╯─ ") for line in plan).replace("─", "").isascii()
 
 
-# --- an alarm is something to act on ---
+# --- an alarm requires an action ---
 
 
 def alarms_of(name, seconds, *overrides):
-    """All alarms of the first seconds of a bundled flight."""
+    """Return all alarms of the first seconds of a bundled flight."""
     under_way, found = flight(name, *overrides), set()
     watch = StatusSource(under_way.pilot, Onlookers())
     under_way.fly(seconds, lambda f: f.ticks and found.update(watch.status(f.ticks[-1], f.now).alarms))
@@ -239,7 +239,7 @@ def test_a_height_that_is_not_known_yet_is_waited_for_and_no_alarm():
 
 
 def test_a_computer_that_sends_a_tenth_of_the_setpoints_is_said_to():
-    """It steps twice a second: setpoints go out that late, whatever the phase is called."""
+    """The computer steps twice a second, so setpoints are that late in any phase."""
     rig = Rig().engage()
     watch = StatusSource(rig.pilot, Onlookers())
     found = []

@@ -1,4 +1,4 @@
-"""A ground station in a few lines: frames out, messages in, all in lockstep."""
+"""A minimal ground station in lockstep: it sends frames and collects the received messages."""
 
 from collections.abc import Callable
 from typing import Any
@@ -14,7 +14,7 @@ EXACT = {"attitude_error_deg": 0.0, "gyro_noise_deg_s": 0.0}
 
 
 class Station:
-    """One sender talking to one vehicle on one link, keeping what it hears."""
+    """One sender connected to one vehicle on one link. It keeps all received messages."""
 
     def __init__(self, vehicle: Vehicle, system: int = 1, component: int = 191, link: str = "main") -> None:
         self.vehicle = vehicle
@@ -30,7 +30,7 @@ class Station:
         self.vehicle.receive(data, self.link)
 
     def command(self, number: int, *params: float, target: tuple[int, int] = (1, 1)) -> list[int]:
-        """Send COMMAND_LONG; the results of its acks so far."""
+        """Send COMMAND_LONG and return the results of its new acknowledgements."""
         seven = [*params, *[0.0] * (7 - len(params))]
         before = len(self.acks(number))
         self.send(mavlink.MAVLink_command_long_message(*target, number, 0, *seven))
@@ -49,26 +49,26 @@ class Station:
         self.send(mavlink.MAVLink_heartbeat_message(kind, 8, 0, 0, 4, 3))
 
     def velocity(self, vx, yaw_rate, *, mask=0x5C7, frame=8, vz=0.0, sideways=0.0, target=(1, 1)) -> None:
-        """SET_POSITION_TARGET_LOCAL_NED with a velocity and a yaw rate; `sideways` is an acceleration."""
+        """Send SET_POSITION_TARGET_LOCAL_NED with a velocity and a yaw rate; `sideways` is an acceleration."""
         numbers = (0, 0, 0, vx, 0, vz, 0, sideways, 0, 0, yaw_rate)
         self.send(mavlink.MAVLink_set_position_target_local_ned_message(0, *target, frame, mask, *numbers))
 
     def turn(self, speed: float, yaw_rate: float) -> None:
-        """A velocity along the nose and a turn rate, with the acceleration of the turn fed forward."""
+        """Send a velocity along the nose and a turn rate, with the acceleration of the turn fed forward."""
         self.velocity(speed, yaw_rate, mask=0x407, sideways=speed * yaw_rate)
 
     def attitude(self, mask, roll=0.0, pitch=0.0, yaw=0.0, *, rates=(0.0, 0.0, 0.0), thrust=0.5) -> None:
-        """SET_ATTITUDE_TARGET; angles in radians."""
+        """Send SET_ATTITUDE_TARGET; angles in radians."""
         q = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat()
         q = [q[3], *q[:3]]
         self.send(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, mask, q, *rates, thrust))
 
     def sticks(self, roll: float) -> None:
-        """MANUAL_CONTROL: roll -1 .. 1, throttle in the middle."""
+        """Send MANUAL_CONTROL: roll from -1 to 1, throttle centered."""
         self.send(mavlink.MAVLink_manual_control_message(1, 0, round(roll * 1000), 500, 0, 0))
 
     def repeat(self, seconds: float, send: Callable[[], None], rate: float = 20.0) -> None:
-        """Something sent at a rate for a while."""
+        """Call `send` at a rate (Hz) for a time (s)."""
         start = self.vehicle.time
         for tick in range(round(seconds * rate)):
             send()
@@ -78,7 +78,7 @@ class Station:
         self.vehicle.advance(self.vehicle.time + seconds)
 
     def listen(self, *kinds: str, source: tuple[int, int] | None = None) -> list[Any]:
-        """Everything heard so far, or only some kinds, or only from one component."""
+        """Return all messages received so far, optionally of some types or from one component only."""
         for frame in self.vehicle.outgoing(self.link):
             self.received.extend(self._in.parse_buffer(frame) or [])
         chosen = [m for m in self.received if not kinds or m.get_type() in kinds]
@@ -102,18 +102,18 @@ class Station:
         return [m.text for m in self.listen("STATUSTEXT")]
 
     def fly(self, seconds: float, vx: float, yaw_rate: float, *, rate: float = 20.0, **rest: Any) -> None:
-        """Setpoints at a rate for a while."""
+        """Send velocity setpoints at a rate (Hz) for a time (s)."""
         self.repeat(seconds, lambda: self.velocity(vx, yaw_rate, **rest), rate)
 
 
 def build(**tables: Any) -> Vehicle:
-    """A vehicle from TOML-like tables."""
+    """Return a vehicle from TOML-like tables."""
     return Vehicle(parse_vehicle(tables, "test.toml"))
 
 
 def aboard(profile: str = "arducopter", mode: str | None = None, **tables: Any) -> Station:
-    """The companion of an exact vehicle in the air that says nothing unasked but what its autopilot does; keys of
-    [vehicle] and [start] join `profile` and `mode`."""
+    """Return the companion of a vehicle in the air with exact sensors. Only the default streams of its autopilot are
+    sent. Keys of [vehicle] and [start] are added to `profile` and `mode`."""
     vehicle = {"profile": profile, "default_streams": not profile.startswith("px4"), **tables.pop("vehicle", {})}
     start = {**({} if mode is None else {"mode": mode}), **tables.pop("start", {})}
     return Station(build(vehicle=vehicle, start=start, **{**QUIET, "sensors": EXACT, **tables}))

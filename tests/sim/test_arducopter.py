@@ -1,4 +1,4 @@
-"""What ArduCopter 4.6.3 obeys, refuses and does when nobody speaks (figures: flown on the real firmware)."""
+"""Commands that ArduCopter 4.6.3 obeys or refuses, and its timeouts (figures: flown on the real firmware)."""
 
 import math
 import struct
@@ -17,7 +17,7 @@ def guided(**tables):
 
 
 def crc_x25(data: bytes) -> int:
-    """The MAVLink checksum, from its definition (ITU X.25)."""
+    """Return the MAVLink checksum, from its definition (ITU X.25)."""
     crc = 0xFFFF
     for byte in data:
         tmp = (byte ^ crc) & 0xFF
@@ -27,7 +27,7 @@ def crc_x25(data: bytes) -> int:
 
 
 def setpoint_by_hand(vx: float, yaw_rate: float) -> bytes:
-    """SET_POSITION_TARGET_LOCAL_NED (84, CRC extra 143) from the definition."""
+    """Return SET_POSITION_TARGET_LOCAL_NED (84, CRC extra 143), packed from its definition."""
     floats = [0.0, 0.0, 0.0, vx, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, yaw_rate]
     payload = struct.pack("<I11fHBBB", 0, *floats, 0x5C7, 1, 1, 8)
     header = bytes([len(payload), 0, 0, 7, 1, 191, 84, 0, 0])
@@ -119,7 +119,7 @@ def test_modes_are_changed_by_command_and_acknowledged_or_refused_with_the_reaso
     assert companion.command(176, 1, 5, target=(7, 1)) == []
     assert companion.truth.mode == 4
     companion.forget()
-    companion.send(mavlink.MAVLink_set_mode_message(1, 1, 5))  # obeyed without an ack
+    companion.send(mavlink.MAVLink_set_mode_message(1, 1, 5))  # obeyed without an acknowledgement
     assert companion.truth.mode == 5 and companion.listen("COMMAND_ACK") == []
     lost = aboard(mode="ALT_HOLD", vehicle={"gps": False})
     assert lost.set_mode(4) == [4]

@@ -1,4 +1,4 @@
-"""ArduPlane 4.6.3 as flown: banks for three seconds, height and airspeed its own affair."""
+"""ArduPlane 4.6.3 as flown: it obeys a bank for 3 s, and holds height and airspeed itself."""
 
 import math
 
@@ -76,7 +76,7 @@ def test_wind_drifts_the_plane_but_not_its_airspeed_which_is_shown_as_indicated(
         companion.repeat(0.5, lambda: companion.attitude(ROLL_ONLY, 0.3), 10.0)
         speeds.append(companion.truth.ground_speed)
         assert companion.truth.airspeed == pytest.approx(23.43, abs=0.1)
-    assert (min(speeds), max(speeds)) == pytest.approx((15.4, 31.4), abs=0.5)  # flown: 15.7 .. 31.1
+    assert (min(speeds), max(speeds)) == pytest.approx((15.4, 31.4), abs=0.5)  # flown: 15.7 to 31.1
     assert companion.listen("VFR_HUD")[-1].airspeed == pytest.approx(22.0, abs=0.1)
 
 
@@ -111,7 +111,7 @@ def test_it_streams_once_a_second_without_being_asked():
     assert {kind: len(companion.listen(kind)) for kind in ("ATTITUDE", "VFR_HUD", "RAW_IMU")} == {
         "ATTITUDE": 10, "VFR_HUD": 10, "RAW_IMU": 10
     }  # fmt: skip
-    assert companion.stream(30, 10_000) == [2]  # not above its 50 Hz loop's 40
+    assert companion.stream(30, 10_000) == [2]  # at most 40 Hz of its 50 Hz loop
 
 
 def test_without_gps_it_flies_on_and_a_change_of_speed_is_flown_within_the_airspeed_limits():

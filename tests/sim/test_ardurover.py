@@ -1,4 +1,4 @@
-"""Rover 4.6.3 as flown: a speed and a turn rate, whatever the frame says."""
+"""Rover 4.6.3 as flown: it obeys a speed and a turn rate in any frame."""
 
 import math
 

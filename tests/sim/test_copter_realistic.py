@@ -1,4 +1,4 @@
-"""The realistic copter against what ArduCopter 4.6.3 did when flown."""
+"""The realistic copter model against flights of ArduCopter 4.6.3."""
 
 import math
 
@@ -13,7 +13,7 @@ def flying(speed):
 
 
 def slip(truth):
-    """Degrees by which the nose is ahead of the course, positive when it leads the turn."""
+    """Return the angle of the nose ahead of the course, deg, positive when it leads the turn."""
     lead = math.degrees(math.remainder(truth.heading - truth.course, math.tau))
     return math.copysign(1.0, truth.turn_rate) * lead
 
@@ -80,7 +80,7 @@ def test_rates_in_part_are_ill_defined_and_no_throttle_is_dropped():
     companion = flying(5.0)
     companion.fly(1.0, 5.0, 0.0)
     companion.attitude(64 | 7)
-    assert len(companion.vehicle.setpoint_log) == 20  # dropped without a trace
+    assert len(companion.vehicle.setpoint_log) == 20  # ignored without any report
     companion.wait(1.0)
     assert companion.truth.ground_speed > 4.5
     companion.attitude(3)

@@ -1,4 +1,4 @@
-"""The fault link: what it does to bytes and times, in both directions, the same for the same seed."""
+"""The fault link: its effect on bytes and times, in both directions, repeatable for the same seed."""
 
 import socket
 import time
@@ -16,7 +16,7 @@ from tests.tools.faults.tampering import dropping, on, outliers
 
 
 def carried(impairment, count=2000, seed=1, step=0.01):
-    """Numbered datagrams through a pipe: (time out, bytes)."""
+    """Send numbered datagrams through a pipe and return (time of arrival, bytes)."""
     pipe, out = Pipe(impairment, seed), []
     for n in range(count):
         now = n * step

@@ -1,5 +1,5 @@
-"""What QGroundControl asks as it connects (InitialConnectStateMachine, ParameterManager, PlanManager, LogDownload): an
-answer to each question, for it repeats what stays unanswered and waits."""
+"""Requests that QGroundControl sends while it connects (InitialConnectStateMachine, ParameterManager, PlanManager,
+LogDownload). Each must be answered, because QGroundControl repeats an unanswered request and waits."""
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -49,7 +49,7 @@ def test_every_question_that_qgroundcontrol_asks_when_it_connects_is_answered(pr
 
 
 def test_a_parameter_that_the_preflight_of_a_companion_reads_is_there():
-    """ArduPilot 4.6 has FENCE_ENABLE, 0 until somebody sets it."""
+    """ArduPilot 4.6 has FENCE_ENABLE, 0 by default."""
     station = Station(build(vehicle={"profile": "arduplane"}), *QGROUNDCONTROL)
     station.send(mavlink.MAVLink_param_request_read_message(1, 1, b"FENCE_ENABLE", -1))
     (answer,) = station.listen("PARAM_VALUE")

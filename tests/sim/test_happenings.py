@@ -1,4 +1,4 @@
-"""What happens to a vehicle: failsafes, losses, reboots, the weather."""
+"""Events during a flight: failsafes, losses, reboots and weather."""
 
 import itertools
 import math
@@ -28,7 +28,7 @@ def test_a_plane_that_fell_disarmed_flies_on_from_where_it_is(profile, mode):
     events = [{"at_s": 1.0, "action": "disarm"}, {"at_s": 5.0, "action": "mode", "mode": "LOITER"}]
     companion = aboard(profile, mode, events=[*events, {"at_s": 5.0, "action": "arm"}])
     companion.wait(25.0)
-    assert companion.truth.down == pytest.approx(-80.0, abs=1.0)  # 4 s at 5 m/s below the 100 m of its start
+    assert companion.truth.down == pytest.approx(-80.0, abs=1.0)  # 4 s at 5 m/s below the initial 100 m
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ def test_a_reboot_is_silence_then_a_clock_at_zero_and_nobody_remembered():
     companion.wait(2.2)
     beats = companion.listen(source=(1, 1))
     assert {m.get_type() for m in beats} == {"HEARTBEAT"}  # no streams
-    assert companion.listen("DISTANCE_SENSOR") == []  # and no ranges forwarded to one that has not spoken since
+    assert companion.listen("DISTANCE_SENSOR") == []  # and no ranges forwarded to a component that has not sent since
     assert beats[-1].custom_mode == 0 and not beats[-1].base_mode & 128
     companion.command(512, 2)
     assert companion.listen("SYSTEM_TIME")[-1].time_boot_ms == 2100
@@ -188,7 +188,7 @@ def test_steering_that_is_broken_ignores_turns_or_garbles_them(profile, state):
 
 @pytest.mark.parametrize(("profile", "lean"), [("arducopter", 12.0), ("px4_copter", 20.0)])
 def test_a_copter_flies_no_faster_through_the_air_than_its_lean_holds(profile, lean):
-    """tan(lean) g/drag of airspeed: against the wind the speed over the ground sags."""
+    """tan(lean) g/drag of airspeed: the speed over ground decreases against the wind."""
     wind = {"speed_mps": 4.0, "from_deg": 0.0}
     airframe = {"dynamics": "realistic", "max_lean_deg": lean, "drag_per_s": 0.4}
     mode = "OFFBOARD" if profile == "px4_copter" else "GUIDED"

@@ -1,4 +1,4 @@
-"""Accelerometers, gusts and the error of a velocity estimate: what an inertial sensor feels of a flight."""
+"""Accelerometers, gusts and the error of a velocity estimate: the measurements of an inertial sensor in flight."""
 
 import itertools
 import math
@@ -15,7 +15,7 @@ RAW_IMU, HIGHRES_IMU = 27, 105
 
 
 def si(message):
-    """Forward, right, down in m/s^2, then rad/s, of any of the three messages."""
+    """Return forward, right, down in m/s^2, then rad/s, for any of the three messages."""
     values = [getattr(message, name) for name in ("xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro")]
     if message.get_type() == "HIGHRES_IMU":
         return values
@@ -32,7 +32,8 @@ def si(message):
     ],
 )
 def test_at_rest_the_accelerometers_feel_one_g_upwards(profile, number, kind):
-    """Noise about a bias of 0.05 .. 0.1 m/s^2 that the seed draws and keeps: 0.2 m/s^2, and what SIH sends."""
+    """Noise about a bias of 0.05 to 0.1 m/s^2 that the seed determines: 0.2 m/s^2 for ArduPilot, and the noise of SIH
+    for PX4."""
     companion = aboard(profile, start={"armed": False}, sensors={"attitude_error_deg": 0.0})
     assert companion.stream(number, 25_000) == [0]
     companion.wait(20.0)
@@ -46,7 +47,7 @@ def test_at_rest_the_accelerometers_feel_one_g_upwards(profile, number, kind):
 
 
 def turning(**sensors):
-    """What the IMU of an ideal plane reads in a turn with 30 deg of bank."""
+    """Return the IMU measurement of an ideal plane in a turn with 30 deg of bank."""
     companion = aboard("arduplane", "GUIDED", vehicle={"dynamics": "unicycle"}, sensors=FLAWLESS | sensors)
     companion.stream(RAW_IMU, 40_000)
     companion.repeat(6.0, lambda: companion.attitude(0xC6, math.radians(30)))
@@ -65,7 +66,7 @@ def test_a_sensor_that_lies():
     x, y, z, p, q, _ = turning()
     assert turning(imu="rotated")[:5] == pytest.approx([y, -x, z, q, -p], abs=0.02)
     assert turning(imu="clipped")[2] == pytest.approx(-8.0, abs=0.01)
-    frozen = turning(imu="frozen")  # as in the straight flight it began with
+    frozen = turning(imu="frozen")  # the value from the straight flight before
     assert frozen[2] == pytest.approx(-G, abs=0.05) and frozen[5] < 0.05
     assert abs(turning(accel_bias_mps2=0.5)[2] - z) == pytest.approx(0.5, abs=0.12)
     shaken = turning(accel_vibration_mps2=20.0)
@@ -90,7 +91,8 @@ def test_a_sensor_begins_to_lie_in_flight():
     ],
 )
 def test_accelerometers_and_attitude_add_up_to_the_change_of_velocity(profile, step, imu):
-    """Turned to NED by ATTITUDE_QUATERNION and with gravity added; in gusts, hard turns and changes of speed."""
+    """Specific force rotated to NED with ATTITUDE_QUATERNION, plus gravity; in gusts, hard turns and changes of
+    speed."""
     px4 = profile == "px4_copter"
     wind = {"speed_mps": 4.0, "gust_rms_mps": 2.0}
     companion = aboard(
@@ -127,13 +129,14 @@ def velocity(truth):
 
 
 def struck(profile, mode, gust, from_deg=0.0, **vehicle):
-    """A vehicle in still air that a wind reaches after a second."""
+    """Return a vehicle in still air; a wind begins after 1 s."""
     events = [{"at_s": 1.0, "action": "wind", "value": gust}]
     return aboard(profile, mode, vehicle=vehicle, wind={"from_deg": from_deg}, events=events, sensors=FLAWLESS)
 
 
 def test_a_plane_turns_into_a_side_gust_and_is_carried_along_later():
-    """A gust of 3 m/s across the nose: 7.3 deg of slip at once, the ground velocity follows by a share and smoothly."""
+    """A gust of 3 m/s across the nose: 7.3 deg of slip at once. The ground velocity follows smoothly by a part of
+    it."""
     companion = struck("arduplane", "FBWA", 3.0, 90.0, airspeed_scale=1.0)
     companion.wait(0.99)
     truths = []
@@ -142,8 +145,8 @@ def test_a_plane_turns_into_a_side_gust_and_is_carried_along_later():
         truths.append(companion.truth)
     east = [velocity(truth)[1] for truth in truths]
     assert abs(east[1]) < 0.3 and -2.0 < east[-1] < -0.5
-    assert max(abs(b - a) for a, b in itertools.pairwise(east)) < 0.12  # 0.1 rad of slip: some 9 m/s^2
-    assert 0.03 < math.asin(3.0 / 22.0) - truths[-1].heading < 0.1  # from the right: to the right, some of it
+    assert max(abs(b - a) for a, b in itertools.pairwise(east)) < 0.12  # 0.1 rad of slip: about 9 m/s^2
+    assert 0.03 < math.asin(3.0 / 22.0) - truths[-1].heading < 0.1  # from the right: turns to the right by a part of it
     assert truths[2].airspeed == pytest.approx(math.hypot(22.0, 3.0), abs=0.1)
 
 
@@ -167,12 +170,12 @@ def test_a_gust_pushes_a_copter_until_its_loop_leans_against_it(profile, most):
         speeds.append(velocity(companion.truth)[0])
     assert speeds[2] == 0.0 and -most < min(speeds) < -0.05 and abs(speeds[-1]) < 0.05
     force = companion.vehicle._flight.specific_force()
-    assert force[0] < -0.5 and math.hypot(*force) == pytest.approx(G, abs=0.02)  # leans, and feels it
+    assert force[0] < -0.5 and math.hypot(*force) == pytest.approx(G, abs=0.02)  # leans and measures it
 
 
 def test_px4s_estimate_under_sih_is_off_as_the_firmwares_is_and_flown_by():
-    """Flown: 0.9 .. 1.1 deg of roll, 0.18 .. 0.24 m/s along the nose, 1.0 .. 1.8 deg of heading; half of the roll's
-    error is left after 2 s, nothing after 5."""
+    """Flown on firmware: 0.9 to 1.1 deg of roll, 0.18 to 0.24 m/s along the nose, 1.0 to 1.8 deg of heading. Half of
+    the roll error remains after 2 s, none after 5 s."""
     companion = aboard("px4_copter", sensors={})
     companion.velocity(5.0, 0.0)
     companion.set_mode(6)
@@ -191,6 +194,6 @@ def test_px4s_estimate_under_sih_is_off_as_the_firmwares_is_and_flown_by():
     assert statistics.pstdev(rolls) == pytest.approx(1.0, abs=0.2)
     assert statistics.pstdev(speeds) == pytest.approx(0.23, abs=0.06)
     assert statistics.pstdev(headings) == pytest.approx(1.3, abs=0.4)
-    assert 0.1 < statistics.pstdev(flown) < 0.35  # the loop holds what it believes
+    assert 0.1 < statistics.pstdev(flown) < 0.35  # the velocity loop holds the estimate
     assert statistics.correlation(rolls[:-4], rolls[4:]) == pytest.approx(0.6, abs=0.15)
     assert abs(statistics.correlation(rolls[:-10], rolls[10:])) < 0.2

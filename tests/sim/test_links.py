@@ -1,4 +1,4 @@
-"""Streams, requests and routing, link by link."""
+"""Streams, requests and routing on each link."""
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -10,7 +10,7 @@ def test_a_heartbeat_a_second_says_who_flies_and_how():
     companion = aboard(mode="GUIDED")
     companion.heartbeat()
     companion.wait(9.5)
-    beats = companion.listen(source=(1, 1))  # and no streams until somebody asks
+    beats = companion.listen(source=(1, 1))  # no streams before a request
     assert len(beats) == 10 and {b.get_type() for b in beats} == {"HEARTBEAT"}
     seen = {(b.type, b.autopilot, b.custom_mode, b.base_mode & 0x89, b.system_status) for b in beats}
     assert seen == {(2, 3, 4, 0x89, 4)}
@@ -125,7 +125,7 @@ def test_directed_messages_go_to_whom_they_are_directed():
     [((1, 1), True), ((1, 0), True), ((0, 0), True), ((0, 1), True), ((1, 191), None), ((2, 1), False)],
 )
 def test_only_what_is_addressed_to_this_autopilot_is_obeyed(profile, target, obeyed):
-    """None: ArduPilot acts for a component of its system that nobody has heard, PX4 does not."""
+    """None: a component of the same system that never sent a message. ArduPilot obeys messages for it, PX4 does not."""
     companion = aboard(profile, "GUIDED" if profile == "arducopter" else None)
     if obeyed is None:
         companion, obeyed = Station(companion.vehicle, 255, 190), profile == "arducopter"

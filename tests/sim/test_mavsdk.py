@@ -1,6 +1,6 @@
-"""MAVSDK as an independent client: it sees a vehicle, its mode, its telemetry, and flies it where it can.
+"""MAVSDK as an independent client: it detects a vehicle, reads its mode and telemetry, and flies it where supported.
 
-ArduPilot streams nothing unasked, so there the rates are requested first; MAVSDK's offboard speaks PX4's language.
+ArduPilot sends no streams without a request, so the rates are requested first. MAVSDK's offboard mode is PX4's.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ PX4, ARDUPILOT = 1, 2
 
 @pytest.fixture
 def connect(tmp_path):
-    """An emulator of a profile in a process of its own, as MAVSDK sees it."""
+    """Start an emulator of a profile in its own process and return it as a MAVSDK system."""
     open_things = contextlib.ExitStack()
 
     def start(profile: str) -> Any:
@@ -32,7 +32,7 @@ def connect(tmp_path):
         open_things.callback(client.destroy)
         assert client.add_any_connection(f"udpin://127.0.0.1:{port}") == mavsdk.ConnectionResult.SUCCESS
         vehicle = tmp_path / "vehicle.toml"
-        vehicle.write_text(f'[vehicle]\nprofile = "{profile}"\nsetpoint_timeout_s = 60.0\n')  # we may stand still
+        vehicle.write_text(f'[vehicle]\nprofile = "{profile}"\nsetpoint_timeout_s = 60.0\n')  # it may stand still
         arguments = (str(vehicle), "--endpoint", f"udpout:127.0.0.1:{port}", "--speed", "2")
         open_things.enter_context(running(python("-m", "sim", *arguments)))
         system = client.first_autopilot(PATIENCE)

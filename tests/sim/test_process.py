@@ -29,7 +29,7 @@ def emulator(*arguments):
 
 
 def called(wire, port):
-    """The wire, connected to a vehicle that has heard it."""
+    """Connect the socket to a vehicle that has received a heartbeat from it."""
     wire.connect(("127.0.0.1", port))
     say(wire, HEARTBEAT)
     return wire
@@ -44,7 +44,7 @@ def command(wire, *numbers):
 
 
 def hear(wire, kind, seconds=PATIENCE):
-    """The first message of a kind; of heartbeats the autopilot's."""
+    """Return the first message of a type; for HEARTBEAT, the first from the autopilot."""
     parser = mavlink.MAVLink(None)
     parser.robust_parsing = True
     end = time.monotonic() + seconds
@@ -127,7 +127,7 @@ def test_what_cannot_be_started_is_said_in_one_line(wire, port, tmp_path, monkey
 
 @pytest.mark.parametrize(("step", "said"), [(0.05, 0), (0.3, 2)])
 def test_it_says_in_one_line_every_ten_seconds_that_the_computer_cannot_keep_up(monkeypatch, step, said):
-    """Each turn of its loop takes a time on the wall, s; 15 s pass."""
+    """Each step of its loop takes this wall time, s. The test covers 15 s."""
     wall, lines = [100.0], []
     monkeypatch.setattr(server.time, "monotonic", lambda: wall[0])
     monkeypatch.setattr(server, "_send", lambda *_: None)

@@ -1,4 +1,4 @@
-"""PX4's multicopter as flown: OFFBOARD, its watchdog, its droop and crab, its ways with acks and texts."""
+"""PX4's multicopter as flown: OFFBOARD, its watchdog, steady-state error and crab angle, acknowledgements and texts."""
 
 import math
 import struct
@@ -88,7 +88,7 @@ def test_the_loss_of_setpoints_is_a_failsafe_after_a_second_and_it_comes_back_by
     assert (told.custom_mode, told.intended_custom_mode) == (PX4["RTL"], PX4["OFFBOARD"])
     companion.velocity(3.0, 0.1)
     assert companion.px4_mode == "OFFBOARD"
-    assert companion.set_mode(*LOITER) == [0, 0]  # an end is another mode commanded
+    assert companion.set_mode(*LOITER) == [0, 0]  # only another commanded mode ends OFFBOARD
     companion.fly(2.0, 3.0, 0.1)
     assert companion.px4_mode == "LOITER"
 

@@ -1,4 +1,4 @@
-"""PX4's fixed wing as flown: sticks with height and speed held, or attitude and thrust with nothing held."""
+"""PX4's fixed wing as flown: sticks with height and speed held, or attitude and thrust without any hold."""
 
 import math
 
@@ -54,8 +54,8 @@ HOLD, OFFBOARD_TOO = 2, 4  # bits of COM_RCL_EXCEPT
 
 
 def after_the_sticks_end(left_in, **parameters):
-    """A plane that had sticks for two seconds and is left in a mode without them, and where it is then: at once, while
-    it may hold, and in the end."""
+    """Return a plane that received sticks for 2 s and was left in a mode without them, and its modes: at once, during
+    the hold time, and at the end."""
     companion = plane()
     companion.heartbeat(6)
     companion.vehicle._flight.autopilot.params.update(parameters)
@@ -142,7 +142,7 @@ def test_a_position_is_flown_to_at_0835_sin_eta():
 
 @pytest.mark.parametrize("bank", [0.0, 20.0, -40.0])
 def test_attitude_setpoints_turn_exactly_and_a_clients_own_loops_hold_height_and_speed(bank):
-    """The loops are those that held +-1 m and 10.0 m/s in flight."""
+    """The loops have the gains that held +-1 m and 10.0 m/s in flight."""
     companion = offboard()
     roll, last_down = math.radians(bank), [companion.truth.down]
 

@@ -1,4 +1,4 @@
-"""The radio: what it measures, how it is quantised, when and by which way it is heard."""
+"""The radio: measurement, quantization, times, and the link on which it is received."""
 
 import math
 import statistics
@@ -15,14 +15,14 @@ BEACON = {"message": "ranging_beacon", "via": "direct"}
 
 
 def ranging(start=STILL, **keys):
-    """A companion, heard by an autopilot whose radio is exact but for `keys`."""
+    """Return a companion of an autopilot with an exact radio. keys: changes of its [ranging] table."""
     companion = Station(build(seed=3, start=start, truth={"rate_hz": 0}, ranging={"noise_m": 0.0, **keys}))
     companion.heartbeat()
     return companion
 
 
 def beacons(seconds, **keys):
-    """What a radio on its own port says within a time."""
+    """Return the messages of a radio on its own port during a time, s."""
     vehicle = ranging(**BEACON, **keys).vehicle
     vehicle.advance(seconds)
     return Station(vehicle, link="ranging").listen()
@@ -130,12 +130,12 @@ def test_the_autopilot_forwards_only_to_a_link_it_has_heard():
 def test_through_the_rangefinder_driver_values_repeat_with_send_time_stamps():
     companion = ranging({"mode": "GUIDED", "speed_mps": 10.0}, via="autopilot", rate_hz=5.0)
     companion.wait(0.5)
-    assert companion.listen("DISTANCE_SENSOR") == []  # silent until asked
+    assert companion.listen("DISTANCE_SENSOR") == []  # silent before a request
     assert companion.stream(132, 40_000) == [0]
     companion.wait(1.0)
     received = companion.listen("DISTANCE_SENSOR", source=AUTOPILOT)
     assert [m.time_boot_ms for m in received] == [*range(540, 1501, 40)]
-    assert 5 <= len({m.current_distance for m in received}) <= 6  # five new values a second, sent 25 times
+    assert 5 <= len({m.current_distance for m in received}) <= 6  # 5 new values per second, sent at 25 Hz
     assert {(m.id, m.covariance, m.type) for m in received} == {(0, 0, 0)}
 
 

@@ -1,4 +1,4 @@
-"""DO_REPOSITION and DO_CHANGE_SPEED: flown or refused, never taken and ignored."""
+"""DO_REPOSITION and DO_CHANGE_SPEED: flown or refused, never accepted and ignored."""
 
 import math
 
@@ -78,7 +78,7 @@ def test_a_rover_drives_there_and_stops_and_the_next_setpoint_takes_it_away():
 @pytest.mark.parametrize("profile", ["arducopter", "arduplane", "ardurover"])
 def test_what_is_not_flown_is_refused(profile):
     companion = aboard(profile, "LOITER")
-    assert reposition(companion, 80.0, 0.0, 40.0, flags=0) == DENIED  # not in GUIDED, and it may not be entered
+    assert reposition(companion, 80.0, 0.0, 40.0, flags=0) == DENIED  # not in GUIDED, and entering it is not allowed
     assert reposition(companion, 80.0, 0.0, math.nan) == DENIED
     assert reposition(companion, 80.0, 0.0, 40.0, frame=TERRAIN) == DENIED
     assert companion.command(REPOSITION, -1, 1, 0, 0, 95.0, 0.0, 40.0) == [DENIED]
@@ -97,7 +97,7 @@ def test_a_speed_that_is_none_is_refused_and_px4_refuses_a_place_without_a_posit
 @pytest.mark.parametrize("profile", ["px4_copter", "px4_plane"])
 def test_px4_refuses_in_words_what_it_does_not_fly_and_keeps_a_place_that_is_not_given(profile):
     standing = aboard(profile, start={"armed": False, "altitude_m": 0.0})
-    standing.heartbeat(6)  # it tells ground stations alone
+    standing.heartbeat(6)  # it reports to ground stations only
     assert reposition(standing, 80.0, 0.0, 624.0, frame=AMSL) == NOT_NOW
     assert standing.texts() == ["Reposition denied: not in the air"]
     flying = aboard(profile)

@@ -1,4 +1,4 @@
-"""The emulated autopilots with a key: what they sign, whom they believe, and as real ones do after a reboot."""
+"""The emulated autopilots with a key: which frames they sign and trust, and their behavior after a reboot."""
 
 import pytest
 from circnav_sim.config import ConfigError, load_vehicle, parse_vehicle
@@ -44,7 +44,7 @@ def station(vehicle, key, timestamp=NOW, **ids):
 
 
 def accepted(vehicle, by):
-    """Whether a velocity setpoint of theirs is flown."""
+    """True if a velocity setpoint of this sender is flown."""
     before = len(vehicle.setpoint_log)
     vehicle.advance(vehicle.time + 0.1)
     by.velocity(3.0, 0.1)
@@ -62,7 +62,7 @@ def test_all_that_it_says_is_signed_by_vehicle_and_radio_alike(vehicle):
 
 
 def test_it_obeys_the_holder_of_its_key_alone(vehicle):
-    """A stamp of the future that somebody forged does not lock the real one out."""
+    """A forged timestamp in the future does not lock out the real sender."""
     assert accepted(vehicle, station(vehicle, KEY))
     assert not accepted(vehicle, station(vehicle, None))
     assert not accepted(vehicle, station(vehicle, OTHER, component=192))
@@ -95,7 +95,7 @@ def test_a_replayed_command_and_a_stream_over_a_minute_behind_are_not_obeyed(veh
 
 @pytest.mark.parametrize("profile", ["arducopter", "px4_copter"])
 def test_without_gps_it_takes_its_time_from_those_who_sign(key_file, profile):
-    """By a heartbeat too, which PX4 takes unsigned as well."""
+    """A heartbeat sets the clock too, although PX4 also accepts unsigned heartbeats."""
     vehicle = build(signing={"key_file": str(key_file)}, vehicle={"profile": profile})
     vehicle.advance(1.5)
     assert stamps(vehicle)[-1] < TICKS_PER_S

@@ -1,4 +1,4 @@
-"""The ideal airframe against closed forms and against itself in other step sizes."""
+"""The ideal airframe against closed-form solutions and against itself with other step sizes."""
 
 import math
 

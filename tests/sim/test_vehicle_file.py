@@ -1,4 +1,4 @@
-"""Vehicle files: defaults that fly, and mistakes named in one line with the remedy."""
+"""Vehicle files: defaults that fly, and mistakes reported in one line with the remedy."""
 
 import math
 import tomllib
@@ -94,7 +94,7 @@ def test_random_starts_stay_in_bounds_and_repeat_with_the_seed():
 
 
 def test_the_documented_file_flies():
-    """Every key of the README's example is known, and it names every key there is."""
+    """The README's example contains exactly the keys of the schema."""
     text = (Path(__file__).parents[2] / "sim" / "README.md").read_text()
     example = tomllib.loads(text.split("```toml")[1].split("```")[0])
     vehicle = Vehicle(parse_vehicle(example, "README.md"))

@@ -74,7 +74,9 @@ class RangeWindow:
         age = self.now[at] - t
         white = self.white(sigma)[at]
         drifting = np.maximum(sigma[at] ** 2 - 2 * white**2, 0.0)
-        variance = white**2 * n + drifting * 2 * BIAS_TIME / WIDTH + DRIFT_PSD * age**3 / 3
+        # A drifting error is common to the bins of about 2 BIAS_TIME. A slow radio leaves some of them empty.
+        share = np.isfinite(n).sum(axis=0) / np.clip(closed, 1, COUNT)
+        variance = white**2 * n + drifting * share * 2 * BIAS_TIME / WIDTH + DRIFT_PSD * age**3 / 3
         path = self.path[:, None, at] - np.stack([x, y])
         return Bins(age.T, np.swapaxes(path, 1, 2), z.T, np.maximum(variance, 1e-4).T)
 

@@ -1,4 +1,4 @@
-"""Measured accelerations in gusts: what they are worth to the estimator, and what false ones cost."""
+"""Measured accelerations in gusts: their benefit to the estimator, and the cost of false ones."""
 
 from dataclasses import replace
 
@@ -9,12 +9,11 @@ from circnav_mav.extras.batch.flight import ESTIMATION, ORBIT, Situation, fly_si
 from circnav_mav.extras.batch.sensors import ImuNoise
 
 LIES = ("honest", "frozen", "turned", "shaking", "biased")
-"""What is wrong with measured accelerations, each of eight flights of a batch."""
+"""Faults of measured accelerations. A batch flies eight flights of each."""
 
 
 def in_gusts(imu: ImuNoise | None, told: tuple[str, ...]) -> tuple[dict[str, float], float]:
-    """Median RMS radius error (m) of flights in gusts of .1 V whose accelerations lie, and how far the honest ones are
-    believed."""
+    """Return the median RMS radius error (m) by fault in gusts of 0.1 V, and the weight of the honest accelerations."""
     shakes, banks, lie = np.random.default_rng(3), [], np.repeat(told, 8)
 
     class Deceived(Auto):

@@ -1,4 +1,4 @@
-"""The batch: exact motion, the errors that were asked for, and the same commands as the stack in the air."""
+"""The batch: exact motion, the requested errors, and the same commands as the flight stack."""
 
 from dataclasses import replace
 from math import inf
@@ -43,7 +43,7 @@ QUICKSTART = Path(__file__).parents[3] / "config" / "quickstart.toml"
 
 
 class InTheAir:
-    """The estimator and the steering that fly, one pair per flight, in place of the batch's guidance."""
+    """The estimator and steering of the flight stack, one pair per flight, instead of the batch's guidance."""
 
     def __init__(self, sense):
         ways = [Direction.COUNTERCLOCKWISE if s > 0 else Direction.CLOCKWISE for s in sense]
@@ -62,7 +62,7 @@ class InTheAir:
         return np.ones(len(self.flights), bool)
 
     def learn_turn_gain(self, now, heading, flies):
-        """Its turn gain is known."""
+        """Its turn gain is fixed."""
 
     def command(self, steers):
         turns = np.array([self.turn(i, *flight) for i, flight in enumerate(self.flights)])
@@ -75,7 +75,7 @@ class InTheAir:
         if measured.arrived[i]:
             sample = RangeSample(now, now, float(measured.z[i]), float(measured.sigma[i]))
             self.newest[i] = self.newest[i] if estimator.observe(sample) is Fused.GATED else now
-            estimator.drift.bank.search()  # the batch searches at once
+            estimator.drift.bank.search()  # the batch starts to search at once
         estimate, pending = estimator.at(now), under_way.at(now, self.answer, float(measured.turn_rate[i]))
         if estimator.ready and now - self.newest[i] < STALE + 1e-6:
             command = steer(estimate, 0.0, pending).turn_rate
@@ -86,8 +86,8 @@ class InTheAir:
 
 
 def test_the_stack_in_the_air_flies_the_same_numbers_as_the_batch():
-    """But for the last bits, as sines in the air are the C library's; and to a decimetre through an outage of 10 s that
-    begins after 21 and 26 s: in the air the bank takes one long step to the next range, in the batch many."""
+    """Equal up to rounding, because the flight stack uses the C library's sines. Equal to 0.1 m through an outage of
+    10 s that begins after 21 and 26 s: the flight stack takes one long step to the next range, the batch many."""
     air, batch = (fly_situation(OUTAGE, make, 2, seed=3) for make in (InTheAir, policy("auto")))
     before = air.time < 20.0
     assert np.abs(air.r - batch.r)[before].max() < 1e-3
@@ -96,7 +96,7 @@ def test_the_stack_in_the_air_flies_the_same_numbers_as_the_batch():
 
 
 def test_an_outage_in_wind_leaves_the_vehicle_on_its_circle():
-    """The circle's own turn in the drift known; V/r_d would let 5 m/s of wind carry it off for 10 s."""
+    """It holds the circle's turn rate for the estimated drift. At V/r_d, 5 m/s of wind would carry it away for 10 s."""
     tracks = fly_situation(replace(OUTAGE, start=(60.0, 160.0), duration=120.0), policy("auto"), 8, seed=4)
     assert np.abs(tracks.r[tracks.time > 60] - 100.0).max() < 5.0
 
@@ -126,7 +126,7 @@ def seeds(flights):
 
 
 def world(flights, wind=0.0, **surroundings):
-    """Vehicles on the target that do not fly."""
+    """Return a world of vehicles at the target, without motion."""
     around = Surroundings(wind=np.array([[wind], [0.0]]), **surroundings)
     return World(around, Airframe(15.0, 0.35, 0.4), np.zeros((2, flights)), np.zeros(flights), seeds(flights))
 
@@ -171,7 +171,7 @@ def test_losses_outliers_and_outages_come_as_often_as_asked_for():
 
 
 def test_ranges_near_overhead_or_out_of_bounds_do_not_count_and_slant_ones_are_made_horizontal():
-    """At 50 m of height 8 m is too steep and 2000 m too far. At 120 m the noise grows by 130/120."""
+    """At a height of 50 m, 8 m is too steep and 2000 m too far. At 120 m the noise grows by 130/120."""
     radio = Radio(Ranging(white=0.0), Reading(0.5, most=1000.0, height=50.0), seeds(3), 50.0)
     z, sigma, counts = radio.measure(np.array([8.0, 120.0, 2000.0]), 0, 0.05)
     assert counts.tolist() == [False, True, False]
@@ -204,7 +204,8 @@ def test_auto_keeps_every_flight_in_strong_wind_in_the_right_sense():
 
 
 def test_no_start_leads_farther_away_than_the_tightest_circle_is_wide():
-    """2 V over the turn-rate limit: 86 m. Whoever turns at once at the limit is led away by no more, whichever way."""
+    """The diameter at the turn-rate limit is 2 V/limit = 86 m. A vehicle that turns at the limit at once departs by
+    no more."""
     tracks = fly_situation(Situation("outside", start=(250.0, 250.0), duration=15.0), policy("auto"), 96, seed=9)
     assert (tracks.r.max(axis=0) - tracks.r[0]).max() < 2 * 15 / np.radians(20)
 
@@ -217,8 +218,9 @@ def test_the_filter_is_consistent_in_gusts():
 
 
 def test_range_rate_reaches_the_cramer_rao_bound_of_its_model():
-    """.057 m/s along these tracks, by the information recursion of Tichavsky, Muravchik and Nehorai (1998) for a drift
-    of 3e-4 m^2/s^3. The model knows its own heading, and lets the drift wander, which stands still here."""
+    """The bound along these tracks is 0.057 m/s. It comes from the information recursion of Tichavsky, Muravchik and
+    Nehorai (1998) for a drift of 3e-4 m^2/s^3. The model has the true heading. It assumes a variable drift, which is
+    constant here."""
     tracks = fly_situation(Situation("calm", noise=NO_NOISE, duration=100.0), policy("auto"), 24, seed=8)
     late = tracks.time > 70
     assert metrics.rms((tracks.r_dot_hat - tracks.r_dot)[late].ravel()) < 0.057
@@ -248,8 +250,8 @@ def test_the_benchmark_tells_a_law_that_holds_from_one_that_does_not(tmp_path, m
 
 @pytest.fixture(scope="module")
 def cell():
-    """Of five flights that nobody flew, all counter-clockwise, from 200 m to their circle in 40 s: with 0, 1 and 20 m
-    of error, one the wrong way round, and one that is blown away."""
+    """Results of five synthetic flights from 200 m to their circle in 40 s, counter-clockwise. Three have 0, 1 and
+    20 m of error, one flies in the wrong direction, and one is blown away."""
     time = np.arange(0.0, 400.0, 0.5)
     e = np.broadcast_to([0.0, 1.0, 20.0, 0.0, 300.0], (800, 5))
     r = np.where(time[:, None] < 40.0, 200.0, 100.0 + e)
@@ -262,7 +264,7 @@ def cell():
 
 
 def test_what_a_cell_says_is_what_can_be_counted_by_hand(cell):
-    """Kept: below 10 m and the right way round. From 200 m, straight on, the tangent point is some 12 s away."""
+    """Kept: below 10 m and in the right direction. Straight on from 200 m, the tangent point is about 12 s away."""
     assert (cell.flights, cell.kept, cell.wrong_way, cell.limit_cycles) == (5, 2, 1, 0)
     assert (cell.rms_median, cell.rms_p95, cell.rms_max, cell.mean_error) == pytest.approx((1.0, 300.0, 300.0, 64.2))
     assert 40.0 / 15 < cell.settled10_median < 40.0 / 11 and cell.settled10_p95 == inf

@@ -1,4 +1,4 @@
-"""Metrics of the benchmark on flights drawn by hand."""
+"""Metrics of the benchmark on synthetic flights."""
 
 from math import inf, pi
 
@@ -13,7 +13,7 @@ from circnav_mav.guidance.laws import settling_time
 
 TIME = np.arange(0, 100, 0.1)
 SPEED = {"V": 15.0, "r_d": 100.0, "max_turn_rate": 0.45}
-"""A turning radius of 33.3 m."""
+"""Limits with a turning radius of 33.3 m."""
 
 
 def column(*values):
@@ -26,7 +26,7 @@ def test_settled_from_the_last_exit_and_never_if_it_ends_outside():
 
 
 def test_the_wrong_way_round_is_noticed_although_the_radius_is_perfect():
-    """A lost flight sees its target under a bearing that creeps a little: it did not go round at all."""
+    """The bearing of a lost flight creeps a little: it did not go around at all."""
     angle = column(0.15 * TIME, -0.15 * TIME, 0.003 * TIME)
     assert metrics.right_way(angle, np.ones(3)).tolist() == [True, False, True]
     assert metrics.right_way(angle, -np.ones(3)).tolist() == [False, True, False]
@@ -52,7 +52,7 @@ def test_the_dubins_time_is_what_can_be_drawn_by_hand(north, psi, sense, least, 
 
 @given(r=st.floats(180, 900), bearing=st.floats(-pi, pi), psi=st.floats(-pi, pi), sense=st.sampled_from([-1.0, 1.0]))
 def test_the_way_lies_between_straight_to_the_circle_and_a_turn_about_with_the_tangent(r, bearing, psi, sense):
-    """A whole turn at the limit, and its width, are the most that comes on top of the tangent from here."""
+    """A full turn at the limit, plus its width, is the most that is added to the tangent from here."""
     p = np.array([[r * np.cos(bearing)], [r * np.sin(bearing)]])
     way = 15.0 * tangent_time(p, np.array([psi]), np.array([sense]), **SPEED)[0]
     rho, tangent = 15.0 / 0.45, np.sqrt(r**2 - 100.0**2)

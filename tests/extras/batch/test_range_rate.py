@@ -1,4 +1,4 @@
-"""The array filter of the batch, held to filterpy's, which flies."""
+"""The array filter of the batch, compared with filterpy's, which the flight uses."""
 
 import numpy as np
 import pytest
@@ -13,8 +13,8 @@ SETTINGS = EstimatorSettings(speed=V, max_turn_rate=TURN)
 
 
 def sequence(rng, count=300):
-    """Return steps (s), ranges (m), their deviations (m), and range rates (m/s) of a vehicle that flies past a target:
-    one range in 20 is an outlier, and two jumps start the filter anew."""
+    """Return steps (s), ranges (m), their deviations (m), and range rates (m/s) of a vehicle that flies past a
+    target. One range in 20 is an outlier, and two jumps restart the filter."""
     dt = rng.uniform(0.02, 0.4, count)
     t = np.cumsum(dt)
     r = np.hypot(-300 + V * t, 80.0) + np.where(t > rng.uniform(10, 20), 90.0, 0.0) - np.where(t > 35, 60.0, 0.0)
@@ -26,7 +26,7 @@ def sequence(rng, count=300):
 
 @pytest.mark.parametrize("with_rates", [False, True], ids=["ranges", "ranges and rates"])
 def test_arrays_of_flights_are_filtered_as_filterpy_filters_each_of_them(with_rates):
-    """To 1e-9, through ranges and rates that the gate refuses, and through restarts."""
+    """Equal to 1e-9, through ranges and rates that the gate rejects, and through restarts."""
     rng, flights = np.random.default_rng(11), 6
     dt, z, sigma, rates = (np.array(part).T for part in zip(*(sequence(rng) for _ in range(flights)), strict=True))
     now, alone = np.zeros(flights), [KalmanRangeRate(SETTINGS) for _ in range(flights)]

@@ -1,4 +1,4 @@
-"""Jobs on several processes: all of them done, and all of them dropped at once."""
+"""Jobs on several processes: all of them completed, or all of them dropped at once."""
 
 import math
 import os
@@ -64,7 +64,7 @@ def test_what_a_job_raises_is_raised_here():
 
 
 def test_a_ctrl_c_is_not_heard_by_the_processes_whenever_it_comes(tmp_path):
-    """From their first moment on, while they still import; what they would say is a traceback each."""
+    """From their start on, also during imports. Otherwise each would print a traceback."""
     script = tmp_path / "jobs.py"
     script.write_text(JOBS)
     for seconds in (0.0, 0.05, 0.1, 0.3):
@@ -84,7 +84,7 @@ def is_running(process):
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc")
 def test_the_processes_end_with_one_that_was_killed(tmp_path):
-    """In the middle of their jobs, which would take ten minutes."""
+    """They are in the middle of jobs that would take ten minutes."""
     script = tmp_path / "holds.py"
     script.write_text(HOLDS)
     parent = python(script)
@@ -107,7 +107,7 @@ def test_a_process_that_dies_in_its_job_is_no_endless_wait():
 
 
 def test_the_cells_of_the_benchmark_come_in_their_order_and_the_rest_is_dropped():
-    """As of `circnav bench | head`: the first cells are small, the last ones would take very long."""
+    """As in `circnav bench | head`: the first cells are small, the last ones would take very long."""
 
     def tell(line):
         told.append(line)

@@ -1,10 +1,12 @@
-"""How well any linear guidance can hold the circle in gusts: the radial channel as a linear-quadratic-Gaussian problem.
+"""Bound of the radius error in gusts under any linear guidance.
+
+The radial channel is a linear-quadratic-Gaussian problem:
 
     e' = v + w,   w' = -w/T + white noise,   v'' = (u - v')/tau,   z = e + white noise
 
-e = r - r_d (m), w the radial gust (m/s), v the radial speed that the heading makes (m/s), u/V the commanded turn beside
-the circle's own (rad/s). The bearing to the target and the model are taken as known, which makes the answer a bound
-for range-only flight, not a prediction. Source: separation theorem, Anderson and Moore, "Optimal Control" (1990).
+e = r - r_d (m), w is the radial gust (m/s), v the radial speed from the heading (m/s), and u/V the commanded turn rate
+beyond the circle's own (rad/s). Bearing and model are exact, so the result is a bound for range-only flight, not a
+prediction. Source: separation theorem, Anderson and Moore, "Optimal Control" (1990).
 
     python -m tests.extras.bench.gust_limit
 """
@@ -20,8 +22,8 @@ GUST, GUST_TIME, LAG, DT, V = 1.5, 10.0, 0.4, 0.05, 15.0
 
 
 def limit(effort: float, sigma: float = 0.5) -> tuple[float, float, float]:
-    """The best linear guidance for the cost e^2 + effort (u m/s^2)^2 with ranges of noise sigma, m: RMS of e (m) with
-    ranges only and with full information, and the RMS turn (rad/s) that the former takes."""
+    """Return the RMS of e (m) with ranges only and with full information, and the RMS turn rate (rad/s) with ranges
+    only. Uses the best linear guidance for the cost e^2 + effort (u m/s^2)^2 and ranges of noise sigma (m)."""
     F, G, W = _discrete()
     H, R = np.array([[1.0, 0, 0, 0]]), sigma**2
     P = solve_discrete_are(F.T, H.T, W + 1e-12 * np.eye(4), [[R]])
@@ -38,7 +40,7 @@ def limit(effort: float, sigma: float = 0.5) -> tuple[float, float, float]:
 
 
 def _discrete() -> tuple[Array, Array, Array]:
-    """Transition, input and noise of one step, for the state (e, w, v, v')."""
+    """Return transition, input and noise of one step, for the state (e, w, v, v')."""
     A = np.zeros((4, 4))
     A[0, 1] = A[0, 2] = A[2, 3] = 1.0
     A[1, 1], A[3, 3] = -1 / GUST_TIME, -1 / LAG

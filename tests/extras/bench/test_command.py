@@ -1,4 +1,4 @@
-"""`circnav bench`: what it writes, and what it refuses."""
+"""`circnav bench`: its output, and rejected arguments."""
 
 import pytest
 

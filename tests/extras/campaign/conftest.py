@@ -1,4 +1,4 @@
-"""Small campaigns of the mission that ships."""
+"""Small campaigns of the bundled mission."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ START = """
 
 @pytest.fixture
 def write(tmp_path):
-    """Writes a campaign file on the shipped mission and returns its path: write(vary, head)."""
+    """Return a function that writes a campaign file on the bundled mission and returns its path: write(vary, head)."""
 
     def write(vary, head="runs = 8\nseed = 3", starts=START):
         path = tmp_path / "campaign.toml"

@@ -1,4 +1,4 @@
-"""Campaigns as a whole: the table is the same whoever flies it, and nothing is lost."""
+"""Whole campaigns: any number of processes gives the same table, and no row is lost."""
 
 import json
 import re
@@ -21,7 +21,7 @@ SHORT = '"limits.duration_s" = [5.0]\n"guidance.law" = ["smooth", "pi"]\n'
 
 
 def flown(store, results):
-    """The table of a campaign flown into a folder."""
+    """Return the table of a campaign flown into a folder."""
     for rows in results:
         store.add(rows)
     store.close()
@@ -31,7 +31,7 @@ def flown(store, results):
 
 @pytest.fixture
 def table(write, tmp_path):
-    """Of SHORT, flown in this process."""
+    """Table of SHORT, flown in this process."""
     campaign = load_campaign(write(SHORT))
     return flown(Store(tmp_path / "here", campaign), on_cores(campaign, chunks(campaign), 1))
 
@@ -98,7 +98,7 @@ def test_start_in_range_and_bearing_is_where_the_vehicle_begins(write):
 
 
 def test_a_wrong_sense_of_rotation_is_seen_on_the_true_track(write, monkeypatch):
-    """A wrong sign behind the steering: the circle is as good, for range cannot see direction."""
+    """A wrong sign behind the steering: the circle is as good, because ranges do not show the direction."""
     campaign = load_campaign(write('"limits.duration_s" = [90.0]\n"sim.wind.speed_mps" = [0.0]'))
     right = fly_chunk(campaign, [0])[0]
     command = Guidance.command
@@ -115,7 +115,7 @@ def test_a_wrong_sense_of_rotation_is_seen_on_the_true_track(write, monkeypatch)
 
 
 def test_the_command_flies_sums_up_and_draws_and_goes_on_where_it_stopped(circnav, write, tmp_path):
-    """A picture that cannot be drawn is a warning; and where nothing is missing nobody is asked to fly."""
+    """A picture that cannot be drawn gives a warning. For a complete table, the scheduler is not contacted."""
     path, out = write(SHORT + '"sim.wind.speed_mps" = {uniform = [0, 2]}'), tmp_path / "out"
     ran = circnav("campaign", path, "--out", out, "--processes", "1")
     assert ran.code == 0, ran.err
@@ -142,7 +142,7 @@ def test_the_command_flies_sums_up_and_draws_and_goes_on_where_it_stopped(circna
 
 
 def test_the_documented_way_to_fly_a_row_alone_gives_the_rows_mission():
-    """The example's values where the example's keys stand, and its command as it stands."""
+    """The test uses the example's values, keys and command from the page."""
     page = (CONFIG.parent / "docs" / "campaigns.md").read_text()
     command = shlex.split(re.search(r"circnav fly .*?\n\n", page, re.DOTALL)[0].replace("\\\n", " "))
     overrides = [word for before, word in pairwise(command) if before == "--set"]

@@ -1,4 +1,5 @@
-"""A batch flies what the real pilot and vehicle fly: the same circles, and the emulator's world and radio."""
+"""A batch flies like the real pilot and vehicle: the same circles in the emulator's world, with the emulator's
+radio."""
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ CELLS = {
 
 
 def both(path, runs):
-    """The rows of the runs from either engine."""
+    """Return the rows of the runs from each engine."""
     prepared = [prepare(load_campaign(path), n) for n in range(runs)]
     assert [lockstep_reason(run) for run in prepared] == [None] * runs
     batch = [row(run, track) for run, track in zip(prepared, fly_batch(prepared), strict=True)]
@@ -36,7 +37,7 @@ def both(path, runs):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_batch_and_lockstep_fly_the_same_circles(write, cell):
-    """Same start, same world, other noise: the errors that wind and law make are the same, those of noise alike."""
+    """Same start and world, other noise: errors from wind and law are equal, errors from noise are similar."""
     batch, real = both(write(f'"limits.duration_s" = [75.0]\n{CELLS[cell]}'), 4)
     assert {(one["engine"], other["engine"]) for one, other in zip(batch, real, strict=True)} == {("batch", "lockstep")}
     for one, other in zip(batch, real, strict=True):
@@ -79,7 +80,7 @@ def test_what_a_batch_cannot_fly_has_a_reason(write, vary, reason):
 
 
 def test_a_range_that_never_comes_engages_nothing_and_flies_alone(write):
-    """The pilot waits for another beacon than the emulator's: a batch, which knows no numbers, is not flown."""
+    """The pilot waits for another beacon than the emulator's. Batches have no beacon ids, so no batch is flown."""
     vary = ('"ranging.message" = ["ranging_beacon"]\n"ranging.endpoint" = ["sim"]\n"ranging.beacon_id" = [9]\n'
             '"sim.ranging.message" = ["ranging_beacon"]\n"sim.ranging.via" = ["direct"]\n'
             '"link.wait_s" = [3.0]')  # fmt: skip
@@ -100,7 +101,7 @@ def test_targets_are_where_the_emulator_has_them(write):
 
 
 def test_the_wind_blows_to_where_the_emulators_does_and_carries_what_flies_through_the_air(write):
-    """2 s of straight flight: V through the air, and the wind where the dynamics are airborne."""
+    """In 2 s of straight flight the vehicle moves at V through the air. Airborne dynamics add the wind."""
     vary = ('"sim.wind.speed_mps" = [6.0]\n"sim.wind.from_deg" = {uniform = [0, 360]}\n'
             '"sim.vehicle.dynamics" = ["airborne", "unicycle"]')  # fmt: skip
     runs = [prepare(load_campaign(write(vary)), n) for n in range(4)]
@@ -117,7 +118,7 @@ def test_the_wind_blows_to_where_the_emulators_does_and_carries_what_flies_throu
 
 @pytest.mark.parametrize("preset", ["gaussian", "uwb", "lora"])
 def test_radios_err_as_the_emulators_do(write, preset):
-    """40 radios for 100 s at 25 m, where the near bias counts: same mean, same scatter, same share lost."""
+    """40 radios for 100 s at 25 m, where the near bias counts: same mean, same scatter, same loss."""
     vary = (f'"sim.ranging.preset" = ["{preset}"]\n"sim.ranging.bias_m" = [1.0]\n"sim.ranging.noise_m" = [0.4]\n'
             '"sim.ranging.dropout_fraction" = [0.2]\n"sim.ranging.outlier_fraction" = [0.1]\n'
             '"sim.ranging.outlier_m" = [6.0]\n"orbit.height_above_target_m" = [0.0]\n'
@@ -140,7 +141,7 @@ def test_radios_err_as_the_emulators_do(write, preset):
     [("distance_sensor", 0.1, 0.1), ("distance_sensor", 0.4, 0.5), ("named_value_float", 0.1, 0.5)],
 )
 def test_a_range_comes_with_the_deviation_that_its_message_can_tell(write, message, noise, sigma):
-    """DISTANCE_SENSOR says variances up to 254 cm^2; what is not said is the mission's."""
+    """DISTANCE_SENSOR carries variances up to 254 cm^2. Otherwise the mission's value counts."""
     vary = (f'"ranging.message" = ["{message}"]\n"sim.ranging.message" = ["{message}"]\n'
             f'"sim.ranging.noise_m" = [{noise}]\n"sim.ranging.report_accuracy" = [true]')  # fmt: skip
     radio = emulated_radio([prepare(load_campaign(write(vary)), 0)], 1)

@@ -1,4 +1,4 @@
-"""Who flies a campaign, and what is left when they end before it does."""
+"""Execution of a campaign on processes or a scheduler, and its results after an early end."""
 
 import concurrent.futures
 import os
@@ -25,12 +25,12 @@ MIXED = SHORT + '"guidance.radius_trim_per_s" = [0.05, 0.0]\n'
 
 @pytest.fixture
 def begun(write, tmp_path):
-    """A long campaign on two processes that has its first rows."""
+    """A long campaign on two processes, after its first rows."""
     path, out = write(SHORT, 'runs = 20000\nengine = "lockstep"'), tmp_path / "out"
     process = subprocess.Popen(
         [sys.executable, "-m", "circnav_mav", "campaign", path, "--out", out, "--processes", "2"], cwd=ROOT,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # these tests may run where it is ignored
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # the shell may have set SIGINT to be ignored
     )  # fmt: skip
     table = out / "runs.csv"
     while process.poll() is None and not (table.exists() and table.read_bytes().count(b"\n") > 1):
@@ -42,7 +42,7 @@ def begun(write, tmp_path):
 
 @pytest.mark.parametrize(("send", "number"), [(os.kill, signal.SIGTERM), (os.killpg, signal.SIGINT)])
 def test_a_signal_keeps_what_was_flown_and_says_how_to_go_on(begun, tmp_path, send, number):
-    """A Ctrl-C on a terminal is heard by everybody."""
+    """A Ctrl-C on a terminal reaches all processes."""
     send(begun.pid, number)
     said, complaint = begun.communicate(timeout=PATIENCE)
     assert begun.returncode == 130, complaint
@@ -53,11 +53,11 @@ def test_a_signal_keeps_what_was_flown_and_says_how_to_go_on(begun, tmp_path, se
 
 @pytest.mark.parametrize("processes", [1, 2])
 def test_rows_of_a_mixed_grid_come_one_by_one_and_are_those_of_the_whole(write, monkeypatch, processes):
-    """Each flight that no batch flies is a piece of work of its own, which others take where there are any."""
+    """Each flight that does not fit a batch is a separate job, which any other process can take."""
     campaign = load_campaign(write(MIXED, "runs = 8"))
     whole = fly_chunk(campaign, range(8))
     if processes > 1:
-        monkeypatch.setattr(fly, "fly_lockstep", None)  # in this process, not in the others
+        monkeypatch.setattr(fly, "fly_lockstep", None)  # replaced in this process, not in the others
     pieces = list(on_cores(campaign, [range(8)], processes))
     assert max(sum(row["engine"] == "lockstep" for row in rows) for rows in pieces) == 1
     assert sorted((row for rows in pieces for row in rows), key=lambda row: row["run"]) == whole
@@ -73,7 +73,7 @@ def test_a_batch_is_made_of_what_a_batch_flies_whatever_run_0_needs(write):
 
 
 def test_a_torn_chunk_is_flown_as_the_batch_that_it_was_and_gives_the_rows_that_are_missing(write, monkeypatch):
-    """Of 8 runs 5 are there, one of them of those that fly alone."""
+    """Five of the 8 runs are complete, one of them a single flight."""
     together, alone = [], []
     fly_batch, lockstep = fly.fly_batch, fly.fly_lockstep
     monkeypatch.setattr(fly, "fly_batch", lambda runs: together.append([run.number for run in runs]) or fly_batch(runs))
@@ -90,7 +90,7 @@ def test_a_torn_chunk_is_flown_as_the_batch_that_it_was_and_gives_the_rows_that_
 
 @pytest.fixture
 def refusal(write):
-    """Why nobody at an address flies: refusal(address)."""
+    """Return a function that gives the reason why an address is no usable scheduler: refusal(address)."""
 
     def refusal(address):
         with pytest.raises(CampaignError) as told:

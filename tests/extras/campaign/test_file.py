@@ -1,4 +1,4 @@
-"""Campaign files that are wrong are refused before the first flight, in one line that names the file."""
+"""Wrong campaign files are refused before the first flight, in one line that names the file."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""The folder of a campaign: nobody else's files are written over, and one process at a time has it."""
+"""The folder of a campaign: no foreign file is overwritten, and one process at a time owns it."""
 
 import re
 import sys
@@ -83,7 +83,7 @@ def test_a_campaign_that_lost_its_files_is_not_resumed_and_says_which(campaign, 
 
 
 def test_lengths_have_as_many_digits_as_do_not_hang_on_the_size_of_a_batch(campaign, tmp_path):
-    """The first two are of one flight, among 24 and among 203; what was varied keeps all its digits."""
+    """The first two are the same flight, in a batch of 24 and of 203. Varied values keep all their digits."""
     errors = {-0.00968086: "-0.00968", -0.00968063: "-0.00968", -0.000001: "0", 123.456789: "123.457"}
     store = Store(tmp_path / "out", campaign)
     store.add([{"run": run, "mean_error_m": error, "settled_s": 12.3456789} for run, error in enumerate(errors)])
@@ -111,7 +111,7 @@ def test_a_folder_that_cannot_be_had_is_one_line_without_a_word_of_resuming(camp
 
 @pytest.fixture
 def other(write, tmp_path):
-    """Another process that has the folder."""
+    """Another process that owns the folder."""
     path = write(VARY)
     held = python("-c", HOLDS, str(path), str(tmp_path / "out"))
     assert held.stdout.readline() == "held\n"
@@ -151,11 +151,11 @@ def test_a_folder_is_neither_overwritten_nor_resumed_with_another_campaign_and_f
     with pytest.raises(CampaignError, match=r"cannot resume: campaign\.toml has changed"):
         Store(tmp_path / "out", load_campaign(write(VARY, "runs = 8\nseed = 4")), resume=True)
     Store(tmp_path / "out", campaign, resume=True).close()
-    assert kept.value is not None  # and with it all that its traceback holds
+    assert kept.value is not None  # and its traceback with all the objects in it
 
 
 def test_a_full_disk_is_one_line_and_what_is_there_can_be_resumed(campaign, tmp_path):
-    """Room for 3 rows and a part of the next."""
+    """There is space for 3 rows and a part of the next."""
     rows = [{"run": run, "rms_m": 1.0} for run in range(8)]
     store = Store(tmp_path / "out", campaign)
     store.add(rows[:3])

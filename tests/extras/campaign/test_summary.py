@@ -1,4 +1,4 @@
-"""Intervals that hold what they say, against the textbook and against chance itself."""
+"""Confidence intervals with their stated coverage, against the textbook and in simulation."""
 
 import json
 from itertools import pairwise
@@ -16,7 +16,7 @@ TURN = {
 
 
 def rows_of(kept, rms, points=1):
-    """Rows in the order of their runs, at so many points of a grid with the key k."""
+    """Return rows in the order of their runs, at some points of a grid with the key k."""
     return [
         {"run": str(run), "k": str(run % points), "outcome": "completed", "kept": "true" if good else "false",
          "rms_m": f"{error:.6g}", "settled_s": "5", "closest_m": "3", "right_way": "true", "wind": f"{error:.4g}",
@@ -26,7 +26,7 @@ def rows_of(kept, rms, points=1):
 
 
 def test_intervals_are_those_of_the_textbook():
-    """Wilson (1927) for 8 of 10; ranks 40 and 61 of 100 hold the median with 95 % (binomial)."""
+    """Wilson (1927) for 8 of 10. Ranks 40 and 61 of 100 contain the median with 95 % (binomial)."""
     assert wilson(0.8, 10) == pytest.approx((0.4902, 0.9433), abs=1e-4)
     assert median_interval(list(range(1, 101)), 100) == (40.0, 61.0)
 
@@ -37,14 +37,14 @@ def test_all_and_none_kept_reach_the_ends_exactly():
 
 
 def test_five_flights_and_fewer_hold_no_median_with_95_percent():
-    """The least and the largest of n hold it in 1 - 2 (1/2)^n of all cases: 93.75 % for 5, 96.9 % for 6."""
+    """The least and the largest of n contain it in 1 - 2 (1/2)^n of all cases: 93.75 % for 5, 96.9 % for 6."""
     assert {median_interval(list(range(n)), n) for n in range(6)} == {(None, None)}
     assert median_interval(list(range(6)), 6) == (0.0, 5.0)
 
 
 def test_intervals_of_flights_that_share_their_worlds_hold_the_truth_in_95_percent():
-    """Four points of a grid that fare alike in each of 25 worlds: the worlds decide, not the hundred rows. The share
-    kept is truly 0.7, the median 0."""
+    """Four points of a grid are alike in each of 25 worlds, so the worlds count, not the hundred rows. The true
+    share kept is 0.7, and the true median 0."""
     chance, shares, medians = np.random.default_rng(5), 0, 0
     for _ in range(400):
         world = chance.normal(size=25)
@@ -53,7 +53,7 @@ def test_intervals_of_flights_that_share_their_worlds_hold_the_truth_in_95_perce
         shares += found["kept_interval"][0] <= 0.7 <= found["kept_interval"][1]
         medians += found["rms_interval"][0] <= 0 <= found["rms_interval"][1]
     assert found["worlds"] == 25
-    assert shares / 400 > 0.9  # 92 % by the binomial law; with every row for itself 62 %
+    assert shares / 400 > 0.9  # 92 % by the binomial law; counting each row separately gives 62 %
     assert medians / 400 > 0.93
 
 
@@ -105,7 +105,7 @@ def test_drawn_values_that_are_binned_are_called_so():
 
 
 def never_engaged(run, k):
-    """A row as a flight leaves it that ended before it was ours."""
+    """Row of a flight that ended before it was engaged."""
     return {"run": str(run), "k": k, "outcome": "no range", "kept": "false", "rms_m": "", "settled_s": "",
             "closest_m": "", "right_way": "", **dict.fromkeys(TURN, "")}  # fmt: skip
 
@@ -118,7 +118,7 @@ def test_a_percentile_of_the_flights_is_not_printed_as_if_it_were_the_confidence
 
 
 def test_the_share_kept_on_the_picture_is_that_of_the_summary():
-    """Half of the flights at one value never engaged, and all of those at another."""
+    """Half of the flights at one value never engaged, and all flights at another."""
     rows = rows_of([True] * 4, [1.0, 2.0, 3.0, 4.0])
     rows += [never_engaged(run, "0") for run in range(4, 8)] + [never_engaged(run, "7") for run in range(8, 12)]
     error, share = _against(rows, "k", ["k"], "x").axes

@@ -1,5 +1,5 @@
-"""Kinematic fleet: turn-rate limit and lag of the vehicles, the product's drift law, and own places that are wrong by
-1 m. It has no MAVLink and no estimator: an upper bound of the quality of the fleet law."""
+"""Kinematic fleet: turn-rate limit and lag of the vehicles, the product's drift law, and own positions with 1 m of
+error. It has no MAVLink and no estimator: an upper bound for the quality of the fleet law."""
 
 from dataclasses import dataclass, field
 from math import atan2, cos, exp, hypot, pi, radians, sin, sqrt
@@ -92,7 +92,7 @@ class Fleet:
         world = self.world
         c, s = cos(self.compass[i]), sin(self.compass[i])
         x, y = self.x[i] + self.wrong[0, i], self.y[i] + self.wrong[1, i]
-        x, y = c * x - s * y, s * x + c * y  # everything that it estimates is turned by its compass
+        x, y = c * x - s * y, s * x + c * y  # all its estimates are rotated by the compass bias
         drift = c * world.drift[0] - s * world.drift[1], s * world.drift[0] + c * world.drift[1]
         phase, rate = PhaseMap.of(world.speed, drift, 1).at(circle_angle(x, y, 1))
         sigma, r = PLACE_SIGMA / world.radius * rate, hypot(x, y)
@@ -124,7 +124,7 @@ class Fleet:
                     self.mail.append((self.time + world.delay, other, report))
 
     def gap_errors(self) -> np.ndarray:
-        """Largest gap error of the members on the circle at every step, deg; nan while there are fewer than two."""
+        """Largest gap error of the members on the circle at every step, deg; nan for fewer than two."""
         found = []
         for phases, ring in zip(self.phases, self.ring, strict=True):
             on = [phase for phase, one in zip(phases, ring, strict=True) if one]

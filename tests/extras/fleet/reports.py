@@ -15,7 +15,7 @@ KEY, OTHER_KEY = bytes(range(32)), bytes(range(1, 33))
 
 
 def report(member: int, stamp: float, **changes) -> MemberReport:
-    """Return what a member sends at this time. Members are evenly spaced by 60 deg."""
+    """Return the report of a member at a time. Members are evenly spaced by 60 deg."""
     made = MemberReport(
         group=GROUP,
         member=member,
@@ -34,7 +34,7 @@ def report(member: int, stamp: float, **changes) -> MemberReport:
 
 
 def frame(one: MemberReport, key: bytes | None = None, ahead: float = 0.0) -> bytes:
-    """Return a report as its sender sends it. ahead: of the signature's clock, s."""
+    """Return a report as its sender encodes it. ahead: of the signature's clock, s."""
     signing = None if key is None else Signing(key, link_id=1)
     if signing is not None:
         signing.advance(one.stamp + ahead)

@@ -77,8 +77,8 @@ def _between(name: str) -> st.SearchStrategy:
 def test_every_field_survives_the_frame_with_the_precision_that_the_law_needs(
     stamp, state, sense, phase, numbers, variances, correlation
 ):
-    """Stamps to a microsecond; phases to a microradian, and below a full circle; the rest to 7 digits. What was within
-    bounds before is within bounds after."""
+    """Stamps to 1 us, phases to 1 urad and below a full circle, the rest to 7 digits. Values within bounds stay
+    within bounds."""
     sigma, lap, radius, height, east, north = numbers
     ee, nn = variances
     one = report(
@@ -158,7 +158,7 @@ def test_only_finite_reports_of_the_member_itself_within_bounds_leave():
 
 @pytest.mark.parametrize("interface", ["absent0", "10.99.99.99"])
 def test_a_missing_network_is_one_alarm_and_is_tried_again(interface, monkeypatch):
-    """As a radio that is plugged in later: then reports are sent and received, without a restart."""
+    """A radio is plugged in later: then reports are sent and received, without a restart."""
     port = free_port()
     member = open_carrier(FleetLink(port=port, interface=interface), GROUP, 1)
     for step in range(20):
@@ -179,7 +179,7 @@ def test_a_missing_network_is_one_alarm_and_is_tried_again(interface, monkeypatc
 def test_a_socket_that_fails_in_flight_is_opened_again_and_never_raises():
     port = free_port()
     members = [open_carrier(FleetLink(port=port, interface=LOOPBACK), GROUP, one) for one in (1, 2)]
-    members[0]._port._socket.close()  # every call on it raises from now on
+    members[0]._port._socket.close()  # every call on it raises from here on
     accepted = []
     for step in range(50):
         now = NOON + 0.2 * step
@@ -193,7 +193,7 @@ def test_a_socket_that_fails_in_flight_is_opened_again_and_never_raises():
 
 
 def test_a_membership_that_was_lost_without_an_error_is_found_by_silence():
-    """As of a radio that was unplugged and came back: the socket still sends, and receives nothing."""
+    """Example: a radio was unplugged and came back. The socket still sends, and receives nothing."""
     port = free_port()
     members = [open_carrier(FleetLink(port=port, interface=LOOPBACK), GROUP, one) for one in (1, 2)]
     membership = socket.inet_aton(MULTICAST) + socket.inet_aton(LOOPBACK)
@@ -211,7 +211,8 @@ def test_a_membership_that_was_lost_without_an_error_is_found_by_silence():
 
 
 def test_a_flood_costs_a_bounded_step_and_the_next_report_is_received():
-    """The loopback interface carries 1000 datagrams of noise to every member; the socket keeps what it has room for."""
+    """The loopback interface sends 1000 datagrams of noise to every member, and the socket buffer keeps a part of
+    them."""
     port = free_port()
     members = [open_carrier(FleetLink(port=port, interface=LOOPBACK), GROUP, one) for one in (1, 2)]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as attacker:
@@ -251,7 +252,7 @@ def test_an_endpoint_that_can_never_work_is_refused_in_one_line(link, words):
 
 
 def test_reports_are_in_the_tlog_without_signatures_and_are_read_back(tmp_path):
-    """Between the frames of the vehicle's link, which are exactly as before."""
+    """They are between the frames of the vehicle's link, which do not change."""
     network = LocalNetwork()
     members = [FrameCarrier(network.port(one), GROUP, one, KEY) for one in (1, 2)]
     recorder = Recorder(tmp_path / "run", "")
@@ -276,13 +277,13 @@ def test_reports_are_in_the_tlog_without_signatures_and_are_read_back(tmp_path):
 
 
 def test_a_replay_of_a_plain_tlog_is_the_same_with_and_without_the_reports_in_it(flown, tmp_path):
-    """Even under the ids of the vehicle and of its radio: no report steers, identifies a vehicle or counts as a sign of
-    life."""
+    """Even under the ids of the vehicle and of its radio: no report steers, identifies a vehicle or counts as a sign
+    of life."""
     plain, mixed = flown / "flight.tlog", tmp_path / "mixed.tlog"
     with mixed.open("wb") as out:
         for n, (stamp, one) in enumerate(read_tlog(plain)):
             out.write(struct.pack(">Q", stamp) + one)
-            if one[6] == 191 or n % 10:  # a stamp at which nothing was received is no step of a plain tlog
+            if one[6] == 191 or n % 10:  # without received frames, a stamp is no step of a plain tlog
                 continue
             for ids in ((1, 1), (1, 192), (1, 191), (7, 191), (255, 190)):
                 out.write(struct.pack(">Q", stamp) + Encoder(*ids).encode(to_message(report(ids[0], stamp / 1e6))))

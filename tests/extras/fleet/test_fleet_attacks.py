@@ -1,8 +1,8 @@
-"""Attacks on the fleet link, a row each: what the attacker sends, and what the victim makes of it.
+"""Attacks on the fleet link, one row each: the attacker's frames, and the victim's reaction.
 
 Member 1 is the victim. Member 2 is honest and sends at 5 Hz for 10 s. The attacker reads everything on the link and
-sends from an address of its own, or from that of member 2. In every row the honest member is still received, no false
-report under its id is accepted, and the work and memory of the victim are bounded.
+sends from another address, or from the address of member 2. In every row the honest member is still received, and no
+false report under its id is accepted. The work and memory of the victim are bounded.
 """
 
 from collections.abc import Callable
@@ -28,7 +28,7 @@ WITH_KEY, WITHOUT = KEY, None
 
 @dataclass
 class Air:
-    """What the attacker may use. captured: datagrams of member 2. key: of the fleet, None without one."""
+    """Data available to the attacker. captured: datagrams of member 2. key: of the fleet, None without one."""
 
     now: float = NOON
     key: bytes | None = None
@@ -57,7 +57,7 @@ def says(member: int, *, key: bytes | None = None, ahead: float = 0.0, **changes
 
 
 def patched(index: int, value: float) -> Attack:
-    """A report of an id of its own in which one of the 32-bit numbers was replaced, as no honest encoder does."""
+    """A report of a new id in which one of the 32-bit numbers was replaced, unlike any honest encoder."""
 
     def attack(air: Air) -> list[bytes]:
         message = to_message(report(9, air.now))
@@ -77,7 +77,7 @@ def changed(air: Air) -> list[bytes]:
 
 
 def replayed(delay: float) -> Attack:
-    """Frames of member 2, that were captured some time ago."""
+    """Frames of member 2 that were captured some time ago."""
     return lambda air: air.captured[-1 - round(delay * 5) :][:1] if len(air.captured) > delay * 5 else []
 
 
@@ -99,7 +99,7 @@ def heartbeat(air: Air) -> list[bytes]:
 
 
 def takeover(air: Air) -> list[bytes]:
-    """A command to the autopilot: the fleet link leads to none."""
+    """A command to the autopilot: the fleet link passes on none."""
     return [Encoder(255, 190).encode(mavlink.MAVLink_command_long_message(1, 1, 400, 0, 0, 21196, 0, 0, 0, 0, 0))]
 
 
@@ -110,7 +110,7 @@ def other_version(air: Air) -> list[bytes]:
 
 
 def wandering(air: Air) -> list[bytes]:
-    """A phase that jumps by half a circle each time, in the name of an id of its own."""
+    """A phase that jumps by half a circle each time, under a new id."""
     step = round(air.since() / STEP)
     return [frame(report(9, air.now, phase=pi * (step // 4 % 2)), air.key)] if step % 4 == 1 else []
 
@@ -124,9 +124,9 @@ R = Rejection
 
 @dataclass(frozen=True)
 class Row:
-    """An attack, the reason and alarm that follow. key: that of the fleet. address: of the attacker. ghosts: members
-    that the attacker gets accepted, because only a key could stop it. hosts: the peers of the victim. share: part of
-    the honest reports that is received. beside: reasons that follow as well."""
+    """An attack, with the expected reason and alarm. key: the fleet's. address: the attacker's. ghosts: accepted
+    members of the attacker, because only a key could stop them. hosts: peers of the victim. share: received part of
+    the honest reports. beside: other expected reasons."""
 
     name: str
     attack: Attack
@@ -188,7 +188,7 @@ ROWS = [
 
 
 class _Port:
-    """The victim's socket: hands out what the test has put in."""
+    """The victim's socket: returns the datagrams of the test."""
 
     def __init__(self, hosts) -> None:
         self.hosts, self.queue, self.sent = hosts, [], []
@@ -255,7 +255,8 @@ def test_no_content_of_a_whole_or_cut_frame_raises_and_only_bounded_numbers_are_
 
 
 def test_an_estimate_that_has_found_the_other_side_is_accepted_again_after_two_seconds():
-    """An honest jump: the reports go on from the new phase. Meanwhile the member is extrapolated from its last one."""
+    """An honest jump: the reports continue from the new phase. Meanwhile the member is extrapolated from its last
+    report."""
     victim = FrameCarrier(port := _Port(None), GROUP, 1)
     accepted = []
     for step in range(60):

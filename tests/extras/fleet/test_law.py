@@ -1,4 +1,4 @@
-"""The fleet law on kinematic vehicles: the figures of the design, and what each member counts."""
+"""The fleet law on kinematic vehicles: performance figures of the design, and the members that each member counts."""
 
 from math import nan, pi, radians
 

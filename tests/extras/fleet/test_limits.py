@@ -1,4 +1,4 @@
-"""What `check` and `preflight` find out about a fleet before it flies."""
+"""Fleet problems that `check` and `preflight` report before the flight."""
 
 from dataclasses import replace
 from math import nan

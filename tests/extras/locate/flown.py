@@ -1,4 +1,4 @@
-"""Flights of the bundled vehicle in lockstep, with the survey beside the pilot, as the loop of a flight runs them."""
+"""Flights of the bundled vehicle in lockstep, with the survey beside the pilot, as in the loop of a flight."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -22,12 +22,12 @@ GPS_LOST = (
     "sim.sensors.gps_error_time_s=600", "sim.wind.speed_mps=5", "sim.start.north_m=150", "sim.start.east_m=-100",
     "limits.duration_s=85",
 )  # fmt: skip
-"""A plane that circles, loses its GPS after a minute, and is given back 25 s later."""
+"""A plane that circles and loses its GPS after a minute. Guidance ends 25 s later."""
 
 
 @dataclass
 class Surveyed(Flight):
-    """A flight and what its survey found. said: (time, frame). solve_from: before it no place is looked for, s."""
+    """A flight with its survey. said: (time, frame) sent by the survey. solve_from: time of the first solution, s."""
 
     locator: Locator | None = None
     said: list[tuple[float, bytes]] = field(default_factory=list)
@@ -49,7 +49,7 @@ class Surveyed(Flight):
             self.vehicle.receive(frame)
 
     def fly(self, until: float, watch=None) -> "Surveyed":  # type: ignore[no-untyped-def, override]
-        """Also beyond the end of guidance, as long as the survey has something to do."""
+        """Fly on after the end of guidance while the survey is busy."""
         while self.now < until and (not self.pilot.done or self.locator.busy):  # type: ignore[union-attr]
             self._step(until if self.pilot.done else min(self.pilot.scheduler.due, until))
             if watch is not None:
@@ -57,7 +57,7 @@ class Surveyed(Flight):
         return self
 
     def solve(self) -> Place | NotLocated:
-        """What the survey makes of all that it has heard."""
+        """Return the survey's solution from all frames received."""
         assert self.locator is not None
         self.locator._solve_at = 0.0
         job = self.locator.job(self.now)
@@ -66,12 +66,12 @@ class Surveyed(Flight):
 
     @property
     def messages(self) -> list[tuple[float, mavlink.MAVLink_message]]:
-        """What the survey has said, and when, by pymavlink."""
+        """Messages of the survey with their times, decoded by pymavlink."""
         parser = mavlink.MAVLink(None)
         return [(time, message) for time, frame in self.said for message in parser.parse_buffer(frame) or ()]
 
     def error(self, place: Place) -> np.ndarray:
-        """East and north of the true place, m."""
+        """Error of a place, east and north, m."""
         truth = self.vehicle.truth
         latitude, longitude = to_degrees(truth.target_north, truth.target_east)
         east, north = place.plane.to_metres(latitude, longitude)
@@ -88,7 +88,7 @@ def surveyed(mission: str, *overrides: str, law: str | None = None, **settings: 
 
 @dataclass
 class Taped(Surveyed):
-    """A flight with the frames that came from the vehicle. The survey only asks for positions."""
+    """A flight that keeps the frames of its vehicle. The survey only requests positions."""
 
     solve_from: float = 1e9
     tape: list[tuple[float, bytes]] = field(default_factory=list)
@@ -105,18 +105,18 @@ class Taped(Surveyed):
 
 
 def taped(mission: str, *overrides: str) -> Taped:
-    """A flight of a file in config/ that can be written as a log."""
+    """Return a flight of a file in config/ that can be written as a log."""
     flown = surveyed(mission, *overrides)
     return Taped(flown.pilot, flown.vehicle, locator=flown.locator)
 
 
 def laps(truths: Sequence[Truth]) -> float:
-    """Flown round the true target."""
+    """Number of laps flown around the true target."""
     angles = [atan2(one.north - one.target_north, one.east - one.target_east) for one in truths]
     return abs(float(np.unwrap(angles)[-1]) - angles[0]) / (2 * pi) if angles else 0.0
 
 
 def nees(flown: Surveyed, place: Place) -> float:
-    """Squared error in units of the place's own covariance."""
+    """Squared error in units of the place's covariance."""
     error = flown.error(place)
     return float(error @ np.linalg.solve(place.at(flown.now).covariance, error))

@@ -1,4 +1,4 @@
-"""Writers of logs that share nothing with the readers: the formats by hand, as their specifications describe them."""
+"""Writers of logs, independent of the readers: the formats by hand, from their specifications."""
 
 import struct
 from datetime import UTC, datetime, timedelta

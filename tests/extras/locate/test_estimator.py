@@ -1,4 +1,4 @@
-"""The place and its covariance, against worlds whose truth is known."""
+"""The place and its covariance in synthetic worlds."""
 
 from dataclasses import replace
 from math import hypot
@@ -18,7 +18,7 @@ def found(track, ranges, known=KNOWN):
 
 
 def test_with_perfect_positions_one_lap_tells_the_place_as_well_as_its_geometry_allows():
-    """.053 m (1 sigma of each axis) is the bound with all ranges; the estimator takes half of them here: .075 m."""
+    """The bound with all ranges is 0.053 m (1 sigma per axis). The estimator takes half of them here: 0.075 m."""
     errors = []
     for seed in range(6):
         track, ranges, target = circles(seed=seed, gps=0.0)
@@ -28,14 +28,14 @@ def test_with_perfect_positions_one_lap_tells_the_place_as_well_as_its_geometry_
 
 
 def test_the_covariance_is_honest_where_the_gps_wanders():
-    """Of chi-squared with two degrees of freedom 95 % lie below 5.99, half above 1.39."""
+    """For chi-squared with two degrees of freedom, 95 % of the values are below 5.99 and half are above 1.39."""
     squares = []
     for seed in range(24):
         track, ranges, target = circles(seed=seed)
         place = found(track, ranges)
         error = np.array([place.east, place.north]) - target
         squares.append(error @ np.linalg.solve(place.covariance, error))
-    assert np.mean(np.array(squares) < 5.99) >= 0.86  # binomial: 24 flights, 2 sigma below .95
+    assert np.mean(np.array(squares) < 5.99) >= 0.86  # binomial: 24 flights, 2 sigma below 0.95
     assert 0.7 < np.median(squares) < 2.5
 
 
@@ -44,7 +44,7 @@ def test_height_is_not_claimed_on_one_circle_and_known_after_two():
     known = replace(KNOWN, gps_sigma=0.01)
     assert not found(*one[:2], known).up_known
     place = found(*two[:2], known)
-    # the scale of the radio, known within 0.03 %, is one more state: it costs 0.05 m of height
+    # the scale of the radio, given within 0.03 %, is one more state: it costs 0.05 m of height
     assert place.up_known and abs(place.up - 400.0) < 0.6
     assert place.bias == pytest.approx(1.5, abs=0.5)
 

@@ -1,4 +1,4 @@
-"""A track in one plane: the ranges fit a target as far above it as below."""
+"""A level track: the ranges fit a target above it as well as one below it."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from tests.extras.locate.worlds import PLANE
 
 
 def walked(height: float, seed: int) -> Place:
-    """The place of a tag at a height above a level track, by a radio of 5 cm and positions of RTK on a robot."""
+    """Return the place of a tag at a height above a level track, from a radio of 5 cm and RTK positions on a robot."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 180.0, 0.25)
     east = 6.0 * np.sin(0.11 * t) + 2.0 * np.sin(0.31 * t + 1.0)

@@ -1,4 +1,4 @@
-"""Positions given back to an autopilot that has lost its own: whole flights of the emulated plane."""
+"""Positions sent back to an autopilot that has lost its own: whole flights of the emulated plane."""
 
 from math import hypot, pi
 
@@ -23,12 +23,12 @@ def commands(flown):
 
 
 def own_error(flown):
-    """Of the position that the autopilot reports, m."""
+    """Error of the position that the autopilot reports, m."""
     return hypot(*flown.vehicle._flight.position_error)
 
 
 def test_an_autopilot_without_gps_is_kept_where_it_is_also_after_guidance_has_ended():
-    """Of an autopilot that drifts away by 1 m/s in each axis, which nobody helps: 45 s later it is some 45 m off."""
+    """The autopilot drifts at 1 m/s in each axis. Without help it would be off by about 45 m after 45 s."""
     errors: list[tuple[float, float]] = []
     flown = surveyed("arduplane", *GPS_LOST, law="auto", handback=HandBackSettings())
     flown.solve_from, flown.solve_every = 50.0, 10.0
@@ -47,7 +47,7 @@ def test_an_autopilot_without_gps_is_kept_where_it_is_also_after_guidance_has_en
 
 
 def lost_early(law, until, **settings):
-    """A flight whose GPS is lost before anybody could have found the target."""
+    """Return a flight whose GPS is lost before the target could be located."""
     lost = 'sim.events=[{at_s=10.0, action="gps_off"}]'
     flown = surveyed(
         "arduplane", lost, *GPS_LOST[1:], "sim.target.north_m=0", "sim.target.east_m=0", law=law, **settings
@@ -72,8 +72,8 @@ def test_a_place_that_the_mission_gives_needs_no_survey():
 
 
 def give(goods, result, off=0.0, until=1e9):
-    """When, s, positions were given to an autopilot that answers each with a result, and reports to be so far off, m.
-    goods: whether it has a position, every .1 s. until: when ours is lost, s."""
+    """Return the hand-back and the times (s) of its positions. goods: autopilot's position valid, every 0.1 s.
+    result: answer to each position. off: reported error, m. until: loss of our position, s."""
     back, times = HandBack(HandBackSettings()), []
     for tick, good in enumerate(goods):
         where = HERE if tick / 10 < until else None
@@ -86,7 +86,7 @@ def give(goods, result, off=0.0, until=1e9):
 
 def test_nothing_is_given_while_there_is_a_position_or_nobody_says_so_and_no_more_once_it_is_back():
     back, times = give([True] * 50 + [False] * 40 + [None] * 100 + [True] * 100, mavlink.MAV_RESULT_ACCEPTED)
-    assert times == [7.0, 8.0]  # it is gone at 5 s, and has been for 2
+    assert times == [7.0, 8.0]  # lost at 5 s, sent from 7 s on
     assert back.ended == "the autopilot has a position again"
 
 
@@ -99,9 +99,9 @@ def test_the_alarm_does_not_say_that_a_position_is_given_when_none_is():
 GPS, GPS2 = mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, mavlink.MAVLINK_MSG_ID_GPS2_RAW
 EKF, ESTIMATOR = mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT, mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS
 RECKONS, CONSTANT = 0x12F, 0xA7
-"""ArduPilot's flags as NavEKF3_core::updateFilterStatus sets them: by airspeed alone; at rest."""
+"""ArduPilot's flags as set by NavEKF3_core::updateFilterStatus: by airspeed alone; at rest."""
 PX4_RECKONS, PX4_FUSES = 0x13F, 0x33F
-"""PX4's as Ekf::get_ekf_soln_status does: by airspeed and no slip its absolute position counts as valid."""
+"""PX4's flags as set by Ekf::get_ekf_soln_status: by airspeed and no slip, its absolute position counts as valid."""
 
 
 @pytest.mark.parametrize(
@@ -131,8 +131,8 @@ def test_a_position_is_lost_only_where_receivers_and_estimator_both_say_so(said,
 
 
 def reckoned(received):
-    """Due north at 20 m/s through the air, 5 m/s of wind to the east, for 60 s from 100 m east of the target. heard:
-    whether the vehicle is, by the time, s."""
+    """Dead reckoning for 60 s from 100 m east of the target. Due north at 20 m/s through the air, wind of 5 m/s to
+    the east. received: True at times (s) with own motion."""
     reckoning = DeadReckoning()
     reckoning.where = PositionEstimate(0.0, 100.0, 0.0, 3.0, 5 + 0j, 1.0, True)
     for now in np.arange(1, 601) / 10:
@@ -141,14 +141,14 @@ def reckoned(received):
 
 
 def test_dead_reckoning_goes_on_through_the_air_with_the_wind_learnt_before():
-    """By a compass whose bias was not learnt, .09 rad of 20 m/s, and .3 m/s of wind."""
+    """The compass bias was not estimated: 0.09 rad of 20 m/s, and 0.3 m/s of wind."""
     here = reckoned(lambda now: True)
     assert (here.east, here.north) == pytest.approx((400.0, 1200.0), abs=1e-6)
     assert here.sigma == pytest.approx(3.0 + hypot(0.3, 0.09 * 20) * 60, rel=1e-3) and not here.by_ranges
 
 
 def test_a_gap_in_attitude_or_airspeed_costs_certainty_and_not_the_place():
-    """In 3 s without a word it may have turned anywhere."""
+    """Without reports for 3 s, it may have turned anywhere."""
     here = reckoned(lambda now: not 20 < now < 23)
     assert (here.east, here.north) == pytest.approx((400.0, 1200.0), abs=1e-6)
     assert here.sigma - reckoned(lambda now: True).sigma == pytest.approx(2.9 * (20 - 1.8), rel=0.05)
@@ -162,7 +162,8 @@ def test_a_slow_tick_costs_certainty_and_not_the_place():
 
 
 def late(*results, delay):
-    """Positions given to an autopilot that answers each with some results, one after the other, so many s later."""
+    """Positions sent to an autopilot that gives some results for each, one after the other, at intervals of `delay`
+    s."""
     back, answers, times = HandBack(HandBackSettings()), [], []
     for now in (round(0.05 * tick, 6) for tick in range(600)):
         for result in [result for at, result in answers if at == now]:
@@ -181,7 +182,7 @@ def test_an_autopilot_that_answers_in_progress_is_waited_for_and_one_that_stays_
 
 
 def test_an_answer_that_comes_late_is_that_to_the_position_given_before_it():
-    """The second position is given when all to the first may have come."""
+    """The second position is sent when all answers to the first may have arrived."""
     back, times = late(mavlink.MAV_RESULT_DENIED, delay=2.5)
     assert len(times) == 1 and back.given[0].answer == "denied" and back.over
     back, times = late(mavlink.MAV_RESULT_ACCEPTED, delay=3.5)
@@ -199,13 +200,13 @@ TARGET = Place(0.0, ON_PLANE, 0.0, 0.0, 0.0, np.eye(2), up_sigma=1.0, up_known=T
 
 
 def by_ranges(time, east, north, drift=5 + 0j, sigma=2.0, r=None):
-    """What the filter says: the vehicle there, heading north at 20 m/s through the air, carried by a drift."""
+    """Estimate of the filter at a position, heading north at 20 m/s through the air, with a drift."""
     motion = RelativeMotion(east, north, sigma, drift.real, drift.imag, pi / 2, 0.0, 20.0, 1.0, True)
     return RangeEstimate(time, hypot(east, north) if r is None else r, 0.0, 0.5, 0.5, relative=motion)
 
 
 def told(estimates, reckoning=None):
-    """Dead reckoning of a vehicle that flies north at 20 m/s through the air, ten estimates a second."""
+    """Dead reckoning of a vehicle that flies north at 20 m/s through the air, with ten estimates a second."""
     reckoning = reckoning or DeadReckoning()
     for estimate in estimates:
         own = OwnMotion(estimate.time, pi / 2, 0.0, 20.0)
@@ -214,8 +215,8 @@ def told(estimates, reckoning=None):
 
 
 def test_straight_away_from_the_target_the_bearing_is_that_by_the_wind_of_the_circle_at_the_distance_measured():
-    """Away from there the filter believes in the gust of its last moment, 2 m/s to the east, and knows how little that
-    is worth. The vehicle goes at 21 m/s over the ground: only ranges tell."""
+    """Away from the circle the filter assumes the gust of the last moment, 2 m/s to the east, with a large sigma.
+    The vehicle moves at 21 m/s over ground, which only ranges show."""
     reckoning = told(by_ranges(t, 0.0, 150.0) for t in np.arange(1, 301) / 10)
     away = [(30 + t, 5 * t, 150 + 21 * t) for t in np.arange(1, 601) / 10]
     told((by_ranges(t, e + 2 * (t - 30), n, 7 + 0j, 2 + 1.5 * (t - 30), hypot(e, n)) for t, e, n in away), reckoning)
@@ -238,7 +239,7 @@ def test_another_wind_counts_within_a_quarter_of_a_minute_and_a_gust_does_not():
 
 
 def test_while_the_filter_and_the_way_flown_tell_two_places_the_filter_is_believed():
-    """Its standard deviation grows where the wind changes; but dead reckoning has the old wind."""
+    """Its standard deviation grows when the wind changes, but dead reckoning uses the old wind."""
     reckoning = told(by_ranges(t, 0.0, 150.0) for t in np.arange(1, 301) / 10)
     for t in np.arange(301, 401) / 10:
         here = told([by_ranges(t, 0.0, 150.0, 5 + 20j, 8.0)], reckoning).where

@@ -1,4 +1,4 @@
-"""`circnav locate` on logs of anybody's, against an independent filter and hand-made worlds."""
+"""`circnav locate` on foreign logs, against an independent filter and synthetic worlds."""
 
 import csv
 import json
@@ -38,13 +38,13 @@ def places(path):
 
 
 def located(folder, track, *tags, names=("",), options=()):
-    """What the command finds in a CSV of positions and ranges."""
+    """Return the places that the command finds in a CSV of positions and ranges."""
     assert run(as_csv(folder, track, *tags, names=names), *options) == Exit.DONE
     return places(folder / "log.locate.geojson")
 
 
 def as_csv(folder, track, *tags, names=("",), header=("time", "lat", "lon", "alt", "range", "tag"), when=float):
-    """A CSV of positions and ranges. when: what is written for a time."""
+    """Write a CSV of positions and ranges. when: text of a time."""
     latitude, longitude = PLANE.to_degrees(track.east, track.north)
     told = zip(track.time, latitude, longitude, track.up, strict=True)
     rows: list[Row] = [(when(time), *place, "", "") for time, *place in told]
@@ -56,7 +56,7 @@ def as_csv(folder, track, *tags, names=("",), header=("time", "lat", "lon", "alt
 
 
 def as_tlog(file, track, ranges, say=lambda ms, r: distances(ms, r)):
-    """A tlog of system 3. say: what its radio, or anybody, says of a range: message and component."""
+    """Write a tlog of system 3. say: (component, message) pairs for a range, from its radio or others."""
     latitude, longitude = PLANE.to_degrees(track.east, track.north)
     records = []
     for time, lat, lon, up in zip(track.time, latitude, longitude, track.up, strict=True):
@@ -80,7 +80,7 @@ def distances(ms, r):
 
 
 def as_run(folder, track, ranges, sigma=0.5, altitude=400.0):
-    """A run folder, whose radio has a name of its own, with what our survey said beside it."""
+    """Write a run folder whose radio has a given name, with our survey's messages beside it."""
 
     def say(ms, r):
         yield 1, mavlink.MAVLink_named_value_float_message(ms, b"UWB", r)
@@ -94,7 +94,7 @@ def as_run(folder, track, ranges, sigma=0.5, altitude=400.0):
 
 
 def as_movebank(folder, track, ranges):
-    """A CSV with the names and times of a wildlife group."""
+    """Write a CSV with the names and times of a wildlife group."""
     names = ("timestamp", "location-lat", "location-long", "height-above-msl", "range", "tag-local-identifier")
     began = datetime(2026, 7, 1, 12, tzinfo=UTC)
 
@@ -105,7 +105,8 @@ def as_movebank(folder, track, ranges):
 
 
 def drawn(folder, monkeypatch):
-    """Limits of the near picture of a log's map, and the east and north of what they must hold, m from the first."""
+    """Yield limits of the detail of a log's map, each with an east or north that they must contain, m from the first
+    place."""
     figures = []
     monkeypatch.setattr(map_picture, "save", lambda figure, path: figures.append(figure))
     table = (folder / "log.locate.geojson").read_text()
@@ -121,7 +122,7 @@ def off(found, target):
 
 
 def smoothed(track, ranges, target):
-    """filterpy's unscented filter and smoother: place of the target and range bias, positions taken as they are."""
+    """filterpy's unscented filter and smoother: return target position and range bias for exact positions."""
     here = {}
 
     def measured(x):
@@ -168,7 +169,7 @@ def test_it_agrees_with_an_independent_smoother_whatever_the_log(tmp_path, write
 
 
 def test_a_run_is_located_with_the_noise_and_the_altitude_of_its_own_mission_unless_told_otherwise(tmp_path):
-    """Of a log whose ranges say nothing of themselves, as far below the vehicle as 400 m is."""
+    """The ranges of the log have no sigma, and the target is far below the vehicle."""
     track, ranges, _ = circles(gps=0.0, laps=2)
 
     def found(*options, **mission):
@@ -216,7 +217,7 @@ def test_several_tags_are_told_apart_by_their_ids_and_mixed_ones_get_a_warning(t
 
 
 def test_a_clock_offset_between_positions_and_ranges_is_found(tmp_path):
-    """On the way to the circle and off its centre: 15 m/s and 16 s are 240 m."""
+    """On the way to the circle and off its center: 15 m/s and 16 s are 240 m."""
     t = np.arange(0, 80, 0.1)
     east, north = 15.0 * np.minimum(t, 40) - 300, np.where(t > 40, 15.0 * (t - 40), 0.0)
     rng, target = np.random.default_rng(2), np.array([100.0, 150.0])
@@ -228,7 +229,7 @@ def test_a_clock_offset_between_positions_and_ranges_is_found(tmp_path):
 
 
 def test_on_a_circle_round_the_target_no_offset_of_the_clocks_is_claimed(tmp_path, capsys):
-    """Turned by 5 s the circle is the same one: what would tell the offset is the wiggle of the GPS."""
+    """Shifted by 5 s the circle is the same. Only the noise of the GPS could show the offset."""
     track, ranges, target = circles(laps=2)
     found = located(tmp_path, replace(track, time=track.time + 5.0), ranges)["target"]
     assert found["position_delay_sigma_s"] >= 0.5 and off(found, target) < 6
@@ -236,7 +237,7 @@ def test_on_a_circle_round_the_target_no_offset_of_the_clocks_is_claimed(tmp_pat
 
 
 def test_ranges_that_fit_an_impossible_height_only_get_a_warning(tmp_path, capsys):
-    """In feet, the circle of 100 m looks like one seen from 300 m above."""
+    """For ranges in feet, the circle of 100 m looks like one seen from 300 m above."""
     track, ranges, _ = circles(laps=2)
     located(tmp_path, track, replace(ranges, r=ranges.r / 0.3048))
     assert "WARNING    the ranges fit a target at" in capsys.readouterr().out
@@ -258,7 +259,7 @@ def test_an_option_that_is_no_number_is_bad_usage(tmp_path, option):
 
 
 def test_a_ranging_antenna_off_the_gps_antenna_reads_as_delay_and_bias_and_leaves_the_place(tmp_path):
-    """3 m ahead, and 1.5 m to the outside of the circle, of which a slant of 108 m shows 100/108."""
+    """3 m ahead, and 1.5 m to the outside of the circle. A slant range of 108 m shows 100/108 of that."""
     track, _, target = circles(gps=0.0, laps=2)
     here = np.column_stack([track.east, track.north])
     ahead = np.gradient(here, axis=0)

@@ -1,4 +1,4 @@
-"""What the survey hears, asks for and says beside a pilot on a bench, and what becomes of it when it fails."""
+"""The survey beside a pilot on a bench: received frames, requests, output and failures."""
 
 from cmath import phase
 from concurrent.futures import Future
@@ -30,7 +30,7 @@ PLACE = Place(0.0, HERE, 30.0, 40.0, 584.0, np.eye(2), up_sigma=0.5, up_known=Tr
 
 
 class Beside:
-    """A locator beside a rig. said: (time, message)."""
+    """A locator beside a rig. said: (time, message) sent by the locator."""
 
     def __init__(self, rig=None, **settings):
         self.rig = rig or Rig()
@@ -38,7 +38,7 @@ class Beside:
         self.said = []
 
     def hear(self, *messages):
-        """In one datagram."""
+        """Receive messages in one datagram."""
         data = b"".join(map(self.rig.vehicle.say, messages))
         self.rig.pilot.receive(data, self.rig.now, "vehicle", VEHICLE)
         self.locator.on_frames(VEHICLE, "vehicle", self.rig.pilot.take_frames(), self.rig.now)
@@ -112,7 +112,7 @@ def test_a_spoofed_position_teaches_no_compass_bias(monkeypatch):
 
 @pytest.fixture
 def failing(monkeypatch):
-    """A hand-back under way, beside a survey whose process breaks, as the loop of a flight has it."""
+    """A hand-back in progress, beside a survey whose process breaks, as in the loop of a flight."""
     answer = Future()
     answer.set_exception(RuntimeError("the process is gone"))
     pool = SimpleNamespace(submit=lambda *job: answer, shutdown=lambda **how: None)
@@ -132,7 +132,8 @@ def test_a_name_for_cursor_on_target_is_looked_up_before_the_flight():
 
 
 def turns(beside, locating, seconds, *others):
-    """What leaves, with a GPS and an estimator that have lost the position, and what else the vehicle says."""
+    """Return the frames sent while GPS and estimator report a lost position. others: further messages of the
+    vehicle."""
     said = []
     for _ in range(round(seconds / 0.05)):
         beside.rig.run(0.05)
@@ -146,7 +147,7 @@ def turns(beside, locating, seconds, *others):
 @pytest.mark.parametrize("broken", ["job", "_say", "_range"])
 def test_a_survey_that_fails_is_an_alarm_in_flight_and_leaves_the_hand_back_alone(failing, monkeypatch, broken):
     beside, locating = failing
-    if broken != "job":  # whose process breaks
+    if broken != "job":  # the process breaks
         monkeypatch.setattr(beside.locator, broken, lambda *given: 1 / 0)
     given = [one for one in turns(beside, locating, 6.0) if one.get_type() == "COMMAND_INT"]
     assert given and beside.locator.handback.begun

@@ -1,4 +1,4 @@
-"""Logs as people have them: cases reduced from public bug reports, and formats written by hand."""
+"""Logs from practice: cases reduced from public bug reports, and formats written by hand."""
 
 import os
 import pty
@@ -320,7 +320,7 @@ def test_a_ulg_without_pyulog_names_the_package(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("writer", [write.write_gpx, write.write_rtklib, write.write_nmea])
 def test_positions_come_from_a_file_beside_the_ranges(tmp_path, writer: Callable):
-    """Over midnight, UTC; the ranges tell it in their own zone."""
+    """Over midnight, UTC. The ranges have times in a local zone."""
     track, ranges, target = circles(gps=0.0)
     zero = datetime(2026, 7, 1, 23, 59, 30, tzinfo=UTC)
     positions = writer(tmp_path / "positions", rows(track), zero)
@@ -345,7 +345,7 @@ def test_positions_come_from_a_file_beside_the_ranges(tmp_path, writer: Callable
 @pytest.mark.parametrize("unit", [unit for unit in FACTORS if unit != "m"])
 def test_ranges_in_another_unit_are_named_with_the_option_that_reads_them(unit):
     track, ranges, target = circles(noise=0.3, target=(30.0, -20.0))
-    shifted = replace(track, east=track.east + 15.0)  # not round the target: its distance changes
+    shifted = replace(track, east=track.east + 15.0)  # not around the target: its distance changes
     east, north = (np.interp(ranges.time, shifted.time, way) for way in (shifted.east, shifted.north))
     r = np.sqrt((east - target[0]) ** 2 + (north - target[1]) ** 2 + 40.0**2)
     wrong = Ranges(ranges.time, r / FACTORS[unit], ranges.sigma)
@@ -355,7 +355,7 @@ def test_ranges_in_another_unit_are_named_with_the_option_that_reads_them(unit):
 
 
 def test_on_a_circle_round_the_target_the_likeliest_height_tells_the_unit():
-    """Any unit fits a constant range: from another height."""
+    """A constant range fits any unit, at another height."""
     track, ranges, target = circles(laps=2)
     feet, known = replace(ranges, r=ranges.r / 0.3048), Knowledge(up=440.0, sigma_known=False)
     place = locate(PLANE, track, feet, known)

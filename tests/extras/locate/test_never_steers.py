@@ -1,4 +1,4 @@
-"""Positions never steer: what the pilot sends is the same, byte for byte, with survey and hand-back or without."""
+"""Positions never steer: the pilot sends the same bytes with survey and hand-back or without."""
 
 from collections.abc import Callable
 from typing import Any
@@ -20,7 +20,7 @@ SETPOINTS = {"SET_POSITION_TARGET_LOCAL_NED", "SET_ATTITUDE_TARGET", "MANUAL_CON
 
 
 class SurveyedRig(Rig):
-    """A rig whose pilot has a survey with everything switched on beside it."""
+    """A rig with a survey beside its pilot, with all options on."""
 
     def __init__(self, **changes):
         super().__init__(**changes)
@@ -64,7 +64,7 @@ LIES: dict[str, Callable[[int], list[Any]]] = {
 
 
 def test_a_flight_sends_not_a_byte_else_while_place_circle_camera_and_position_leave_beside_it():
-    """Of a plane that loses its GPS, against the same flight without a survey."""
+    """A plane that loses its GPS, compared with the same flight without a survey."""
     everything: dict[str, Any] = {"beacon": True, "camera": True, "handback": HandBackSettings()}
     flown = surveyed("arduplane", *GPS_LOST, law="auto", **everything)
     flown.solve_from, flown.solve_every = 50.0, 10.0
@@ -86,7 +86,7 @@ def test_false_positions_change_no_byte_of_the_output_with_survey_and_hand_back_
         honest.run(0.05)
         lied_to.run(0.05)
         for message in lie(tick):
-            # without a place in the vehicle's own count: the honest rig hears none of these
+            # without a place in the vehicle's own count: the honest rig receives none of these
             frame = lied_to.vehicle.say(message)
             lied_to.pilot.receive(frame, lied_to.now, lied_to.source)
             lied_to.locator.on_frames(VEHICLE, lied_to.source, lied_to.pilot.take_frames(), lied_to.now)
@@ -100,7 +100,7 @@ def test_false_positions_change_no_byte_of_the_output_with_survey_and_hand_back_
 
 
 def test_positions_that_are_stamped_late_ask_for_no_answer_to_timesync():
-    """Their clock seems to have stepped while the vehicle answers no question any more."""
+    """The stamps look like a clock step, while the vehicle does not answer TIMESYNC any more."""
 
     def flown(kind, late):
         rig = kind()

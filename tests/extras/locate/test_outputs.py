@@ -1,5 +1,5 @@
-"""What leaves the survey, read by others that share nothing with what wrote it: the wire layout of MAVLink by hand,
-pymavlink, the package `geojson`, an XML parser, a TAK library."""
+"""Output of the survey, read by independent readers: the wire layout of MAVLink by hand, pymavlink, the package
+`geojson`, an XML parser, a TAK library."""
 
 import struct
 from xml.etree import ElementTree as Xml
@@ -21,7 +21,7 @@ PLACE = Place(
     up_sigma=0.5, up_known=True, velocity=(1.0, -1.0), velocity_sigma=0.2,
 )  # fmt: skip
 HERE = pytest.approx((-35 + 40 / 110_941, 149 + 30 / 91_288), abs=5e-7)
-"""Its latitude and longitude: a degree is 110 941 m of the meridian, 91 288 m of the parallel there."""
+"""Its latitude and longitude. One degree is 110 941 m of the meridian and 91 288 m of the parallel there."""
 ORBIT_STATUS, CRC_EXTRA, LAYOUT = 360, 11, "<QfiifB"
 """Its id, the byte that seeds its checksum, and its fields by size: time_usec, radius, x, y, z, frame."""
 
@@ -42,8 +42,8 @@ def test_a_plane_beside_the_date_line_goes_on_across_it():
 
 @pytest.mark.parametrize(("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)])
 def test_the_orbit_status_is_what_a_c_decoder_reads_from_the_wire(direction, sign):
-    """As QGroundControl's Vehicle.cc does: radius positive clockwise, x, y degrees * 1e7 as int32, z metres, frame
-    MAV_FRAME_GLOBAL (0), whose byte MAVLink 2 leaves out at the end of a payload."""
+    """Layout of QGroundControl's Vehicle.cc: radius positive clockwise, x, y degrees * 1e7 as int32, z meters, frame
+    MAV_FRAME_GLOBAL (0). MAVLink 2 omits this zero byte at the end of a payload."""
     orbit = Orbit(60.0, direction, 15.0, 0.35)
     frame = orbit_status(PLACE, orbit, 12.0).pack(mavlink.MAVLink(None, srcSystem=1, srcComponent=194))
     end = 10 + frame[1]
@@ -100,7 +100,7 @@ def test_cursor_on_target_is_an_event_of_its_standard_with_one_sigma_and_the_mot
 
 
 def test_a_tak_library_reads_place_error_and_motion():
-    """takproto turns the XML into TAK's own protocol buffers, and refuses what it cannot."""
+    """takproto converts the XML to TAK's own protocol buffers, and rejects invalid events."""
     takproto = pytest.importorskip("takproto")
     data = export.cursor_on_target(PLACE, "tag 17", 1_750_000_000_000_000, 12.0)
     event = takproto.parse_proto(takproto.xml2proto(data.decode())).cotEvent

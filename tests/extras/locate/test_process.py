@@ -1,4 +1,4 @@
-"""The survey beside a flight of the command line, and read from its run folder again."""
+"""The survey beside a flight of the command line, and its run folder read back."""
 
 import json
 from math import hypot
@@ -17,7 +17,7 @@ from tests.process import PATIENCE, QUICKSTART, circnav
 
 
 def test_the_target_was_surveyed_beside_the_flight(tmp_path: Path) -> None:
-    """The emulator's target is where its home is, unless its file says otherwise."""
+    """The emulator's target is at its home by default."""
     run = tmp_path / "run"
     survey = ("--set", "locate.enabled=true", "--set", "locate.beacon=true")
     printed, errors = circnav("fly", QUICKSTART, "--duration", "72", "--out", run, *survey).communicate(

@@ -1,4 +1,4 @@
-"""A radio that errs: what the survey finds of it, what it does not claim, and what `ranging calibrate` writes."""
+"""A radio with errors: estimated errors, undetermined ones, and the output of `ranging calibrate`."""
 
 import re
 from dataclasses import replace
@@ -22,7 +22,7 @@ SX1280 = Calibration(points=((0, 4.4), (50, 57.6), (100, 103), (150, 148), (200,
 
 
 def approach_and_laps(radio, *, seed=1, gps=1.5, laps=4.0, far=500.0):
-    """A straight way from `far` onto a circle of 100 m round the origin at 15 m/s, and laps there."""
+    """Return an approach from `far` onto a circle of 100 m around the origin at 15 m/s, and laps there."""
     rng = np.random.default_rng(seed)
     straight = np.arange(-far, 0.0, V * 0.1)
     angle = np.arange(0, laps * 2 * np.pi, V * 0.1 / 100)
@@ -57,7 +57,7 @@ def test_on_one_circle_only_the_sum_of_bias_and_scale_is_claimed():
 
 
 def test_a_scale_that_a_height_level_with_the_vehicle_explains_is_not_found():
-    """A good radio, a target 40 m below a level circle that is not round it, and no idea of the height."""
+    """A good radio and a target 40 m below a level circle that is not around it, with unknown height."""
     t = 0.5 * np.arange(240)
     angle = t * V / 80
     east, north = 80 * np.sin(angle), 80 * np.cos(angle) + 160.0

@@ -1,4 +1,4 @@
-"""What the survey adds to the verdict and the report of a flight, and what becomes of it where it cannot."""
+"""Lines of the survey in the verdict and the report of a flight, also without a result."""
 
 import json
 

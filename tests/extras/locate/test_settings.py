@@ -1,4 +1,4 @@
-"""The mission tables of the survey: their keys, their checks, and what the survey is given."""
+"""The mission tables of the survey: their keys, their checks, and the survey's settings."""
 
 import pytest
 
@@ -16,7 +16,7 @@ def mission(*overrides):
 
 
 def said(*overrides):
-    """The grades and texts of the check lines about the survey."""
+    """Return the grades and texts of the check lines about the survey."""
     return [(line.grade, line.text) for line in check_mission(mission(*overrides)) if line.subject == "locate"]
 
 

@@ -1,4 +1,4 @@
-"""`orbit.radius_m = [100, 60]`: the first circle, then the second; and what is said of each."""
+"""`orbit.radius_m = [100, 60]`: the first circle, then the second, and the texts about each."""
 
 import re
 
@@ -24,7 +24,7 @@ SURVEYED = (BOTH, *ON_CIRCLE, "sim.sensors.gps_error_m=0.02", "sim.ranging.bias_
 
 
 def test_height_and_bias_are_known_after_the_second_circle_and_not_after_the_first():
-    """The target is at 584 m above the sea, 30 m below the vehicle; all ranges are 1.5 m too long."""
+    """The target is at 584 m above the sea, 30 m below the vehicle. All ranges are 1.5 m too long."""
     flown = surveyed(*("quickstart", *SURVEYED), law="feedforward", gps_sigma=0.02)
     flown.solve_from = 1e9
     flown.fly(56.0)
@@ -70,7 +70,7 @@ def test_the_second_circle_begins_after_a_lap_of_the_first_and_all_that_is_said_
 
 
 def test_each_circle_is_checked_and_what_differs_names_its_radius():
-    """V/r = .25 rad/s at 60 m is 72 % of the limit of 20 deg/s, at 100 m 43 %."""
+    """V/r = 0.25 rad/s at 60 m is 72 % of the limit of 20 deg/s, at 100 m 43 %."""
     lines = check_mission(load_mission(CONFIG / "quickstart.toml", (BOTH,)))
     turns = [(line.grade, line.text.partition(":")[0]) for line in lines if line.subject == "turn rate"]
     assert turns == [(Grade.PASS, "100 m"), (Grade.WARN, "60 m")]

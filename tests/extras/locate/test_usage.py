@@ -1,4 +1,4 @@
-"""Options and mission keys of the survey that are wrong: one line, and nothing is written."""
+"""Wrong options and mission keys of the survey: one line, and no file written."""
 
 import pytest
 

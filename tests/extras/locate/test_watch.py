@@ -1,4 +1,4 @@
-"""The GPS watch: which of GPS, beacon and compass is the odd one out, and how soon it says so."""
+"""The GPS watch: detection of the faulty one among GPS, beacon and compass, and its delay."""
 
 from cmath import rect
 from math import atan2, cos, hypot, pi, sin
@@ -14,19 +14,20 @@ FROM = 60.0
 
 
 def looks(fault, *, noise=1.0):
-    """A circle round (0, 0) in wind of 4 m/s to the east, 4 looks a second; from FROM on something is wrong."""
+    """Yield four observations a second on a circle around (0, 0) in wind of 4 m/s to the east. The fault begins at
+    FROM."""
     for tick in range(480):
         t = tick / 4
         angle = V / R * t
         east, north = R * cos(angle), R * sin(angle)
         wrong = max(0.0, t - FROM)
-        # the nose is where air velocity = ground velocity - wind points
+        # the nose points along air velocity = ground velocity - wind
         air = -V * sin(angle) - 4.0, V * cos(angle)
         told = (east, north + (min(50.0 * wrong, 500.0) if fault == "spoof" else 0.0))
         measured = hypot(east - (5.0 * wrong if fault == "beacon" else 0.0), north)
         turned = 0.6 if fault == "compass" and wrong else 0.0
         wobble = noise * sin(12.9898 * tick)
-        # by ranges and heading the bearing turns with the compass; by a spoofed position it is that of the lie
+        # the bearing by ranges and heading turns with the compass, and the one by position follows a spoofed position
         by_position = atan2(-told[1], -told[0])
         bearing = (angle + pi + turned - by_position + pi) % (2 * pi) - pi
         air = rect(hypot(*air), atan2(air[1], air[0]) + turned)
@@ -52,7 +53,7 @@ def test_an_honest_flight_in_wind_raises_no_alarm():
 
 
 def test_a_spoof_of_the_emulated_vehicle_is_told_within_ten_seconds_and_leaves_flight_and_place_alone():
-    """500 m in 10 s from t = 75 s on. The same flight without a survey sends the same bytes."""
+    """The spoof moves by 500 m within 10 s from t = 75 s on. The same flight without a survey sends the same bytes."""
     changes = ('sim.events=[{at_s=75.0, action="gps_spoof", value=50.0}]', "sim.sensors.gps_error_m=0.5",
                "limits.duration_s=90", "sim.start.north_m=150", "sim.start.east_m=0")  # fmt: skip
     flown = surveyed("quickstart", *changes, law="smooth")

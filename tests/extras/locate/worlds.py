@@ -7,8 +7,8 @@ from circnav_mav.extras.locate.place import Plane
 
 PLANE = Plane(47.3, 8.5)
 KNOWN = Knowledge(up=400.0, up_sigma=20.0)
-"""All tracks here are level, 40 m above the target. Only the prior rejects a target 40 m above them, at 480 m, which
-fits as well: 50 m (the default) would not."""
+"""All tracks here are level, 40 m above the target. A target 40 m above them, at 480 m, fits as well. This prior
+rejects it, while the default of 50 m would not."""
 V = 15.0
 
 
@@ -26,8 +26,8 @@ def circles(
     height: float = 40.0, gps: float = 1.5, target: tuple[float, float] = (120.0, -60.0),
     velocity: tuple[float, float] = (0.0, 0.0), outliers: float = 0.0, delay: float = 0.0,
 ) -> tuple[Track, Ranges, np.ndarray]:  # fmt: skip
-    """Laps round a target at 15 m/s, one radius after the other; and where the target is in the end, east and north.
-    delay: positions are stamped later than ranges by this, s."""
+    """Return laps around a target at 15 m/s, one radius after the other, and the target's final position, east and
+    north. delay: added to the stamps of the positions, s."""
     rng = np.random.default_rng(seed)
     time, around = [0.0], [0.0]
     far = [radii[0]]

@@ -25,7 +25,7 @@ FOXGLOVE = {
 
 @pytest.fixture
 def exported(circnav, run):
-    """Exports the run, and reads back what stands on each topic: (ns, message, schema)."""
+    """Return a function that exports the run and reads back each topic: (ns, message, schema)."""
 
     def exported():
         assert circnav("export", run, "--mcap").done
@@ -40,7 +40,7 @@ def exported(circnav, run):
 
 
 def heard_late(run, *messages):
-    """The log of the run, with more of the vehicle 19 s after its beginning."""
+    """The log of the run, with more messages of the vehicle 19 s after its beginning."""
     vehicle = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     with (run / "flight.tlog").open("ab") as tlog:
         for at, message in enumerate(messages):
@@ -110,7 +110,7 @@ def test_the_scene_is_the_flight_seen_from_the_beacon_east_north_up(exported):
     poses = [pose.pose for _, pose, _ in found["/truth/pose"]]
     first, row = poses[0].position, truth[len(truth) - len(poses)]
     assert (first.x, first.y) == pytest.approx((row["east"] - row["target_east"], row["north"] - row["target_north"]))
-    before, after = poses[-40], poses[-20]  # a copter's nose points where it flies, but for some degrees of lag
+    before, after = poses[-40], poses[-20]  # a copter's nose points along its motion, except for some degrees of lag
     flies = math.atan2(after.position.y - before.position.y, after.position.x - before.position.x)
     points = 2 * math.atan2(after.orientation.z, after.orientation.w)
     assert abs(math.remainder(flies - points, math.tau)) < 0.5

@@ -1,4 +1,4 @@
-"""Bytes that radios sent, as their manufacturers published them."""
+"""Bytes of radios, as published by their manufacturers."""
 
 NODE_FRAME_2 = bytes.fromhex("""
     55 04 ac 00 02 01 ba 66 1d 00 06 09 ff de 0a 00 df ff ff e8 03 00 fa ff ff 1a 00 00 00 00 00 c0 12 00 00 00 00 00
@@ -37,4 +37,4 @@ LEC_OVERRUN = (
     b"DIST,4,AN0,0090,0.00,0.00,0.00,3.25,AN1,D91E,0.00,0.00,0.00,3.33,AN2,0487,0.00,0.00,0.00,0.18,"
     b"AN3,15BA,0.00,0,AN3,15BA,0.00,0.00,0.00,0.00\r\n"
 )
-"""A line at a high update rate, as Rutgers' DWM1001 localization scripts report it: a piece of AN3 is missing."""
+"""A line at a high update rate, as in Rutgers' DWM1001 localization scripts: a piece of AN3 is missing."""

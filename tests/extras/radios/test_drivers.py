@@ -1,4 +1,4 @@
-"""The drivers, fed with bytes that the manufacturers published."""
+"""The drivers, with bytes that the manufacturers published."""
 
 from itertools import pairwise
 
@@ -55,7 +55,7 @@ def test_dwm1001_is_started_once_and_never_stopped_by_the_same_command():
         asked += [words] if words else []
         driver.receive({b"\r\r": b"\r\n\r\ndwm> ", b"lec\r": b"lec\r\n"}.get(words, b""), 0.05 * step)
     assert asked == [b"\r\r", b"lec\r"]
-    speaks = Dwm1001()  # lines come from the start: it was started before us
+    speaks = Dwm1001()  # the first line is complete: the radio was started before us
     speaks.receive(b"\n" + LES, 0.5)
     assert not any(speaks.ask(0.05 * step) for step in range(200))
 

@@ -21,7 +21,7 @@ SILENT = (15.0, 17.0)
 
 
 class TextPort:
-    """The emulator's radio as lines of text: each range after one of a beacon that is nearer, and some chatter."""
+    """The emulator's radio as lines of text: each range follows one of a nearer beacon and some chatter."""
 
     def __init__(self, link):
         self._link = link

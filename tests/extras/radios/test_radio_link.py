@@ -1,4 +1,4 @@
-"""A radio behind its driver: what becomes of its bytes on the way to the pilot."""
+"""A radio behind its driver: from received bytes to messages for the pilot."""
 
 import math
 import sys
@@ -19,7 +19,7 @@ NONE = 2**32 - 1
 
 
 class Wire:
-    """A port that hears what is put into it."""
+    """A port that receives the data put into it."""
 
     def __init__(self):
         self.troubles, self.waiting = Counter(), []
@@ -37,7 +37,7 @@ class Radio:
         self.link = RadioLink(name, driver, self.wire, datagrams=datagrams)
 
     def hears(self, *data, now=0.0):
-        """What becomes of bytes: a message and its source for each reading."""
+        """Receive bytes; return a message and its source for each reading."""
         self.wire.waiting = [(one, "/dev/ttyUSB0") for one in data]
         reader = mavlink.MAVLink(None)
         return [(reader.decode(bytearray(frame)), source) for frame, source in self.link.receive(now)]
@@ -80,7 +80,7 @@ def test_a_wrong_baud_rate_is_said_in_one_line_and_heals_and_a_radio_that_sees_n
     wrong = "bytes received that are not of linktrack: another baud rate, driver or output of the radio?"
 
     def ten_seconds(began, *data):
-        """How many readings there were in every step, and what is said by then."""
+        """Return the numbers of readings in the steps, and the troubles so far."""
         readings = {len(radio.hears(*data, now=began + 0.1 * step)) for step in range(100)}
         return readings, dict(radio.link.troubles)
 
@@ -121,7 +121,7 @@ def test_what_a_driver_gives_that_is_no_range_costs_no_flight_and_the_list_of_it
 
 
 def test_a_driver_that_fails_at_every_call_is_called_once_a_second_and_recovers():
-    """With an error in its code it failed 30,513 times in a flight."""
+    """With an error in its code, a driver once failed 30,513 times in a flight."""
 
     class Unfinished(Lines):
         finished = False
@@ -143,7 +143,7 @@ def test_a_driver_that_fails_at_every_call_is_called_once_a_second_and_recovers(
 
 
 def test_a_question_that_fails_leaves_no_byte_unread_and_a_driver_that_exits_ends_no_flight():
-    """Bytes that stay in the socket wake the loop at once: 26,000 steps a second were seen."""
+    """Bytes that stay in the socket wake the loop at once: it ran 26,000 steps a second."""
 
     class Exiting(Lines):
         def read_line(self, line):
@@ -161,7 +161,7 @@ def test_a_question_that_fails_leaves_no_byte_unread_and_a_driver_that_exits_end
 
 
 class Bare:
-    """A driver that lacks what the interface asks for."""
+    """A driver without the attributes of the interface."""
 
     def receive(self, data, now):
         return []

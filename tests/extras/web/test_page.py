@@ -50,7 +50,7 @@ DESIRED_ON_TOP = """
 
 
 def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(browser, tmp_path):
-    """A radio that is silent for two seconds is one alarm, however often its number changes."""
+    """A radio that is silent for 2 s gives one alarm, even if the number in its text changes."""
     silent = 'sim.events=[{at_s=7.0, action="mute_ranging"}, {at_s=9.0, action="unmute_ranging"}]'
     options = ("--web", "0", "--speed", "2", "--duration", "12", "--out", str(tmp_path / "run"), "--set", silent)
     with process_of("fly", "quickstart", *options) as flown:

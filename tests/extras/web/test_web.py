@@ -1,4 +1,4 @@
-"""The live page's server over real HTTP, and that nothing about it can hold up a flight."""
+"""The live page's server over real HTTP, without any delay of the flight."""
 
 import http.client
 import importlib.util
@@ -28,7 +28,7 @@ VERDICT = "COMPLETED: flown to its end"
 
 @pytest.fixture(scope="module", autouse=True)
 def patient():
-    """A busy machine may start and end the server slowly: neither is judged here."""
+    """A busy machine may start and end the server slowly, and the tests do not judge that."""
     with pytest.MonkeyPatch.context() as patch:
         for name in ("START_PATIENCE", "STOP_PATIENCE"):
             patch.setattr(feed, name, PATIENCE)
@@ -37,7 +37,7 @@ def patient():
 
 
 def open_page(pilot, port=0, *, truth=False):
-    return LivePage(pilot, Onlookers(), port, name="small", tolerance=5.0, speed=0.0, truth=truth)  # every tick is told
+    return LivePage(pilot, Onlookers(), port, name="small", tolerance=5.0, speed=0.0, truth=truth)  # every tick is sent
 
 
 @pytest.fixture
@@ -53,13 +53,13 @@ def page(flown):
 
 @pytest.fixture(scope="module")
 def idle():
-    """The page of a flight that has not begun, for all who only ask."""
+    """The page of a flight that has not begun, for read-only tests."""
     with closing(open_page(flight("quickstart").pilot)) as page:
         yield page
 
 
 def fly(flown, seconds, page):
-    """As the runner does, a tick shown after each step, at a pace that the server keeps: no line is dropped."""
+    """Show each tick after its step, like the runner, and at the server's pace, so that no line is dropped."""
 
     def show(flown):
         select.select([], [page._pipe], [])
@@ -86,21 +86,21 @@ class Stream:
         self.response = ask(page, "GET", "/events")
 
     def next(self):
-        """Kind and content of the next event."""
+        """Return kind and content of the next event."""
         kind = self.response.readline().decode().removeprefix("event: ").strip()
         data = self.response.readline().decode().removeprefix("data: ")
         self.response.readline()
         return kind, json.loads(data)
 
     def until(self, kind):
-        """The content of the first event of a kind."""
+        """Return the content of the first event of a kind."""
         while True:
             found, content = self.next()
             if found == kind:
                 return content
 
     def until_tick(self, time):
-        """The tick of a time; a browser that has fallen behind gets it with the history."""
+        """Return the tick of a time. A browser that has fallen behind gets it with the history."""
         while True:
             kind, content = self.next()
             tick = content["newest"] if kind == "history" else content
@@ -159,7 +159,7 @@ def test_one_browser_more_than_are_served_ends_the_oldest_and_one_that_vanishes_
     ],
 )
 def test_600_slow_clients_keep_no_browser_out(page, asked):
-    """They open a connection, ask for something or not, and read nothing."""
+    """They open a connection, with or without a request, and read nothing."""
     with ExitStack() as slow:
         for _ in range(600):
             client = slow.enter_context(socket.create_connection(address(page)))
@@ -234,7 +234,7 @@ def test_the_page_of_a_flight_that_is_over_ends_when_no_browser_shows_it(flown, 
 
 @pytest.fixture(scope="module")
 def ticks_alone():
-    """Of a flight without a page: some 600, far more than the pipe holds."""
+    """Return the ticks of a flight without a page: about 600, far more than fit in the pipe."""
     return flight("quickstart").fly(20.0).ticks
 
 
@@ -265,11 +265,11 @@ def test_a_browser_that_never_reads_holds_up_nobody(flown, page, ticks_alone, tm
         assert stream.until("end")["verdict"] == VERDICT
 
 
-# --- frames that anybody may send ---
+# --- frames that any sender may send ---
 
 
 def truth_frame(north, east):
-    """The vehicle so far from the target, as the bundled vehicle tells its truth."""
+    """Truth message of the bundled vehicle at a position relative to the target."""
     message = mavlink.MAVLink_debug_float_array_message(0, b"SIM_TRUTH", 0, [north, east] + [0.0] * 56)
     return bytes(message.pack(mavlink.MAVLink(None, srcSystem=7)))
 

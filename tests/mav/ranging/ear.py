@@ -1,4 +1,4 @@
-"""A reader of ranges, fed with messages that really went through pymavlink."""
+"""A reader of ranges, with messages that were packed and unpacked by pymavlink."""
 
 from circnav_mav.mav.ranging.interface import RangingSettings
 from circnav_mav.mav.ranging.reader import RangeReader
@@ -15,7 +15,7 @@ class Ear:
         return self.reader.read((speaker or self.speaker).message(message), now, height=self.height)
 
     def distance(self, cm=10000, stamp=None, now=1.0, speaker=None, **rest):
-        """stamp: ms; by default of a clock that goes with ours."""
+        """stamp: ms, by default from a clock that is synchronous with ours."""
         stamp = round(now * 1000) + 500_000 if stamp is None else stamp
         return self.hear(distance(cm, stamp, **rest), now, speaker)
 

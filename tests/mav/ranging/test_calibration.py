@@ -1,4 +1,4 @@
-"""A radio that errs: its calibration in the mission becomes true ranges in flight, once, before the height."""
+"""A radio with errors: the calibration in the mission gives true ranges in flight, applied once, before the height."""
 
 from math import sqrt
 
@@ -73,7 +73,7 @@ def test_check_says_what_the_radio_reports_on_the_circle():
      ((f"sim.ranging.table_m={LISTED}",), (f"ranging.points_m={LISTED}",))],
 )  # fmt: skip
 def test_a_radio_that_errs_flies_the_true_circle_with_its_calibration(radio, mission):
-    """With a radio that does not err, the calibration would fly another circle."""
+    """For a radio without errors, the calibration would fly another circle."""
     start = "sim.start.north_m=100", "sim.start.east_m=0", "sim.start.heading_deg=90"
     truths = flight("quickstart", *start, *radio, *mission).fly(45.0).truths[-200:]
     assert mean_radius(truths) == pytest.approx(100.0, abs=0.5)

@@ -1,4 +1,4 @@
-"""What each message says of a range, by its definition (mavlink.md 1.1 to 1.3), and when it says that there is none."""
+"""Contents of each range message by its definition (mavlink.md 1.1 to 1.3), including the codes for "no range"."""
 
 import math
 
@@ -34,8 +34,8 @@ def test_the_messages_are_those_of_mavlink_and_their_longest_range_is_that_of_th
     for kind in RANGING_MESSAGES.values():
         assert mavlink.mavlink_map[kind.id].msgname == kind.type
         assert set(kind.marks) <= set(mavlink.mavlink_map[kind.id].fieldnames)
-    assert RANGING_MESSAGES["distance_sensor"].farthest == 655.34  # u16 centimetres of which 65535 means none
-    assert RANGING_MESSAGES["ranging_beacon"].farthest == 4_294_967.0  # u32 millimetres of which the last means none
+    assert RANGING_MESSAGES["distance_sensor"].farthest == 655.34  # u16 centimeters; 65535 means none
+    assert RANGING_MESSAGES["ranging_beacon"].farthest == 4_294_967.0  # u32 millimeters; the largest value means none
     other = Ear(BEACON)
     assert other.distance() is None
     assert other.rejected == {}
@@ -45,8 +45,8 @@ def test_the_messages_are_those_of_mavlink_and_their_longest_range_is_that_of_th
     ("settings", "message", "expected"),
     [
         (DISTANCE, sensor(12345, covariance=100), (123.45, 0.10, 501.0)),  # cm, cm^2, ms
-        (DISTANCE, sensor(12345, covariance=0), (123.45, 0.5, 501.0)),  # ArduPilot fills in 0 always: the mission's
-        (DISTANCE, sensor(12345, covariance=255), (123.45, 0.5, 501.0)),  # not known, by the definition
+        (DISTANCE, sensor(12345, covariance=0), (123.45, 0.5, 501.0)),  # ArduPilot always fills in 0: use the mission's
+        (DISTANCE, sensor(12345, covariance=255), (123.45, 0.5, 501.0)),  # unknown, by the definition
         (BEACON, radio(1_234_567, range_accuracy=120), (1234.567, 0.120, 501.0)),  # mm, us
         (BEACON, radio(1_234_567, range_accuracy=0), (1234.567, 0.5, 501.0)),
         (BEACON, radio(1_234_567, range_accuracy=NONE), (1234.567, 0.5, 501.0)),
@@ -106,7 +106,7 @@ def test_a_range_within_its_limits_is_taken_and_another_rejected_by_its_reason(s
         ({"sensor_id": 0, "orientation": 0}, sensor(10000, id=0, orientation=24), False),
         ({}, sensor(10000, orientation=25), None),  # downward: it measures height
         ({"orientation": 25}, sensor(10000, orientation=25), None),
-        ({"name": "RADIO"}, named(100.0, "RADIO2"), None),  # values of any kind come under names
+        ({"name": "RADIO"}, named(100.0, "RADIO2"), None),  # the name distinguishes values of any kind
         ({"name": "R" * 10}, named(100.0, "R" * 10), True),
     ],
 )

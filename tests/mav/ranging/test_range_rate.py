@@ -1,4 +1,4 @@
-"""NAMED_VALUE_FLOAT: metres per second under an agreed name, beside the range of the same sender and clock."""
+"""NAMED_VALUE_FLOAT: meters per second under an agreed name, beside the range of the same sender and clock."""
 
 import math
 
@@ -68,12 +68,12 @@ def test_it_has_the_clock_of_the_ranges_old_and_repeated_ones_are_left_out():
     pair.range(100.0, 1.0, stamp=2**32 - 50)
     assert pair.rate(1.0, 1.0, stamp=2**32 - 50) is not None
     assert pair.rate(1.0, 1.01, stamp=2**32 - 50) is None
-    assert pair.rate(1.0, 1.3, stamp=50).time == pytest.approx(1.1)  # the stamp wraps, .2 s late
-    assert pair.rate(1.0, 1.9, stamp=250) is None  # .6 s late
+    assert pair.rate(1.0, 1.3, stamp=50).time == pytest.approx(1.1)  # the stamp wraps, 0.2 s late
+    assert pair.rate(1.0, 1.9, stamp=250) is None  # 0.6 s late
 
 
 def test_a_slant_range_rate_is_made_horizontal_as_its_range_is():
-    """rho = sqrt(130^2 - 50^2) = 120 in level flight: rho' = 130/120 of the slant range's."""
+    """rho = sqrt(130^2 - 50^2) = 120 m. In level flight rho' is 130/120 of the slant rate."""
     pair = Pair(height=50.0)
     pair.range(130.0, 1.0)
     sample = pair.rate(-6.0, 1.0)

@@ -1,4 +1,5 @@
-"""Whose ranges are taken, each measurement once and in the order of the sensor's clock, and not too old."""
+"""Accepted ranges: only from the right sender, each measurement once, in the order of the sensor's clock, and
+recent."""
 
 from dataclasses import replace
 
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 from tests.mav.ranging.ear import DISTANCE, Ear
 from tests.rig import Voice
 
-# --- whose ranges ---
+# --- senders ---
 
 
 def test_a_sensor_that_steers_is_the_only_one_taken_and_another_one_after_five_seconds_of_its_silence():
@@ -54,7 +55,7 @@ def test_the_wrap_of_the_boot_time_after_49_days_is_no_jump():
     ear, wrap, last = Ear(), 2**32, None
     for i in range(-10, 10):
         if i == 0:
-            continue  # 0 itself means "no stamp"
+            continue  # 0 means "no stamp"
         sample = ear.distance(stamp=(wrap + 100 * i) % wrap, now=5 + 0.1 * i)
         assert last is None or sample.stamp - last == pytest.approx(0.1 if i != 1 else 0.2, abs=1e-6)
         last = sample.stamp
@@ -64,7 +65,7 @@ def test_the_wrap_of_the_boot_time_after_49_days_is_no_jump():
 
 @pytest.mark.parametrize("jump_ms", [-600_000, 3_600_000, -1_500])
 def test_a_jump_of_the_sensors_clock_counts_when_stamps_confirm_it_and_the_old_clock_is_silent(jump_ms):
-    """A rebooted sensor: two samples are lost, no more, and the estimator is told."""
+    """A rebooted sensor: exactly two samples are lost, and the estimator is restarted."""
     ear, seen = Ear(), []
     for i in range(9):
         sample = ear.distance(stamp=700_000 + 100 * i + (jump_ms if i >= 5 else 0), now=1 + 0.1 * i)
@@ -75,7 +76,7 @@ def test_a_jump_of_the_sensors_clock_counts_when_stamps_confirm_it_and_the_old_c
 
 
 def test_ranges_that_are_heard_again_are_rejected_though_two_come_in_a_row():
-    """A looped route: the old clock does not fall silent for it."""
+    """A looped route repeats frames, while the old clock continues."""
     ear = Ear()
     for i in range(60):
         now = 10 + 0.1 * i
@@ -104,7 +105,7 @@ def test_stamps_that_jump_about_or_once_only_reset_nothing(stamps):
 
 
 def test_a_slow_radio_whose_clock_jumps_is_taken_again_and_a_pause_is_no_jump():
-    """What confirms a jump is that stamps and arrivals go on alike, be it by seconds."""
+    """Stamps and arrivals that advance alike, even by seconds, confirm the jump."""
     ear = Ear(replace(DISTANCE, rate_hz=0.4))
     assert ear.distance(stamp=700_000, now=1.0) is not None
     assert ear.distance(stamp=730_000, now=31.0) is not None
@@ -124,7 +125,7 @@ def test_a_message_without_a_stamp_to_use_is_dated_by_its_arrival(whose, stamp):
 
 @pytest.mark.parametrize("constant", [False, True])
 def test_values_sent_again_faster_than_the_sensor_measures_count_once(constant):
-    """ArduPilot stamps at sending and repeats: a 5 Hz sensor sent at 20 Hz."""
+    """ArduPilot stamps at sending and repeats: a 5 Hz sensor is sent at 20 Hz."""
     ear = Ear(replace(DISTANCE, rate_hz=5.0))
     cm = [10000 if constant else 10000 + 300 * (i // 4) for i in range(40)]
     assert [ear.distance(cm[i], now=1 + 0.05 * i) is not None for i in range(40)] == [i % 4 == 0 for i in range(40)]
@@ -136,7 +137,7 @@ def test_values_sent_again_faster_than_the_sensor_measures_count_once(constant):
 
 @pytest.mark.parametrize(("late", "taken"), [(0.49, True), (0.51, False)])
 def test_a_sample_that_was_long_on_its_way_is_rejected(late, taken):
-    """Its age is its delay beyond the least delay seen."""
+    """The age of a sample is its delay beyond the smallest delay seen."""
     ear = Ear()
     ear.distance(stamp=700_000, now=1.0)
     sample = ear.distance(stamp=700_100, now=1.1 + late)
@@ -145,7 +146,7 @@ def test_a_sample_that_was_long_on_its_way_is_rejected(late, taken):
 
 
 def test_a_slant_range_becomes_horizontal_when_the_height_is_known():
-    """3, 4, 5; overhead there is no range."""
+    """Sides 3, 4, 5. Directly overhead no range is used."""
     ear = Ear(height=30.0)
     sample = ear.distance(5000)
     assert (sample.r, sample.sigma) == pytest.approx((40.0, 0.5 * 50 / 40))

@@ -1,8 +1,8 @@
-"""python -m tests.tools.bench.ablation --results FILE [--seconds T] [--table]: the worth of each layer on the turn.
+"""python -m tests.tools.bench.ablation --results FILE [--seconds T] [--table]: the benefit of each layer on the turn.
 
 One layer at a time is switched off from outside, in flights of the emulated vehicles (rows of docs/firmware.md) and in
-rows of the benchmark, with the same seeds. FILE keeps a line for each flight or row; what is there is not flown again,
-and a run ends after T seconds. `--table` prints the table from FILE.
+rows of the benchmark, with the same seeds. FILE keeps a line for each flight or row, which is not flown again. A run
+ends after T seconds. `--table` prints the table from FILE.
 
 With all layers on, each answer of a layer is compared with its answer when switched off. A layer whose answers never
 differ does not change that flight, so the flight is not flown again.
@@ -54,11 +54,11 @@ BENCHED = (
     "target stops and goes",
 )
 BATCH, BATCH_SEED, LASTS = 20, 2027, 170.0
-"""Flights of a row of the benchmark, the seed of its published table, and the time of a flight, s (there 400)."""
+"""Flights per row of the benchmark, seed of its published table, and duration of a flight, s (400 s in that table)."""
 LAPS = 1
-"""Laps of an emulated flight that are evaluate."""
+"""Laps of an emulated flight that are evaluated."""
 AHEAD = 8
-"""Jobs of which the next is drawn, so that two runs at a time seldom fly the same."""
+"""The next job is drawn from this many, so that two parallel runs seldom fly the same job."""
 KEPT, NEVER = 0.1, 0.2
 """A circle is kept by an RMS error below the first and no error above the second, in units of the radius."""
 
@@ -67,9 +67,9 @@ Function = Callable[..., Any]
 
 @dataclass(frozen=True)
 class Layer:
-    """owner: class of the function; empty for a function of a module. takes: one of its arguments, which tells it from
-    others of its name. off: the answer without the layer, from the function and its arguments. batch: True if the array
-    engine has the layer."""
+    """owner: class of the function; empty for a module's function. takes: an argument that distinguishes the function
+    from others of the same name. off: the result without the layer, from the function and its arguments. batch: True if
+    the array engine has the layer."""
 
     name: str
     owner: str
@@ -119,7 +119,7 @@ ACCELERATIONS = "accelerations"
 
 @contextmanager
 def replaced(layer: Layer, make: Callable[[Function], Function]) -> Iterator[None]:
-    """Put another function in the place of a layer's, wherever it is held."""
+    """Replace a layer's function in every module or class that holds it."""
     places = layer.places
     for holder, function in places:
         setattr(holder, layer.function, wraps(function)(make(function)))
@@ -135,13 +135,13 @@ def without(layer: Layer) -> Any:
 
 
 def answering(off: Function, function: Function) -> Function:
-    """The function without its layer; unlike a `partial` it binds to an instance."""
+    """Return the function without its layer. Unlike a `partial` it binds to an instance."""
     return lambda *given, **named: off(function, *given, **named)
 
 
 @contextmanager
 def noted(acted: set[str]) -> Iterator[None]:
-    """Fly with all layers and note those whose answers differ from the answers without them."""
+    """Fly with all layers and record each layer that changes a result."""
 
     def compare(layer: Layer, function: Function) -> Function:
         def compared(*given: Any, **named: Any) -> Any:
@@ -166,7 +166,8 @@ def _differ(one: object, other: object) -> bool:
 
 @dataclass(frozen=True)
 class Result:
-    """kept, of: flights. acted: layers that changed an answer, where all are on. Lengths in m, turn_sd in deg/s."""
+    """kept, of: numbers of flights. acted: layers that changed a result, in a flight with all layers. Lengths in m,
+    turn_sd in deg/s."""
 
     row: str
     seed: int
@@ -180,7 +181,7 @@ class Result:
 
 
 def fly_row(row: str, seed: int, layer: str) -> Result:
-    """One flight of an emulated vehicle."""
+    """Fly one flight of an emulated vehicle."""
     acted: set[str] = set()
     with noted(acted) if layer == FULL else without(_layer(layer)):
         one = fly(row, seed, count=LAPS, rows=FLIGHTS)
@@ -190,7 +191,7 @@ def fly_row(row: str, seed: int, layer: str) -> Result:
 
 
 def fly_bench(row: str, layer: str) -> Result:
-    """One row of the benchmark."""
+    """Fly one row of the benchmark."""
     situation, world = SITUATIONS[row], BATCH_SEED + zlib.crc32(row.encode()) % 1_000_000
     flown = replace(situation, duration=LASTS, imu=None if layer == ACCELERATIONS else situation.imu)
     with ExitStack() as off:
@@ -206,14 +207,14 @@ def _layer(name: str) -> Layer:
 
 
 def read(path: Path) -> dict[tuple[str, int, str], Result]:
-    """What was flown so far, by row, seed and layer."""
+    """Return the stored results, by row, seed and layer."""
     lines = path.read_text().splitlines() if path.exists() else []
     results = [Result(**json.loads(line)) for line in lines]
     return {(one.row, one.seed, one.layer): one for one in results}
 
 
 def due(done: dict[tuple[str, int, str], Result]) -> Iterator[Callable[[], Result]]:
-    """What is left to fly: seed by seed, each row with all layers first."""
+    """Yield the jobs left to fly: seed by seed, each row with all layers first."""
     for seed in (SEEDS[0], BATCH_SEED, *SEEDS[1:]):
         for layer in (FULL, *NAMES):
             for row in BENCHED if seed == BATCH_SEED else FLOWN:

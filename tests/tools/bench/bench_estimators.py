@@ -1,4 +1,4 @@
-"""python -m tests.tools.bench.bench_estimators: what one step of the estimators costs on this machine."""
+"""python -m tests.tools.bench.bench_estimators: time of an estimator step on this machine."""
 
 import time
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from circnav_mav.guidance.types import OwnMotion, RangeSample
 
 
 def timed(step: Callable[[int], object], rounds: int) -> np.ndarray:
-    """Times of so many steps, us."""
+    """Return the times of a number of steps, us."""
     times = []
     for number in range(rounds):
         began = time.perf_counter()
@@ -22,7 +22,7 @@ def timed(step: Callable[[int], object], rounds: int) -> np.ndarray:
 
 
 def bank_step(count: int) -> Callable[[int], object]:
-    """A Kalman step of so many hypotheses."""
+    """Return a Kalman step of this many hypotheses."""
     x = np.zeros((STATES, count, 1))
     x[0], x[1, :, 0], x[4] = 100.0, np.arange(count), 1.0
     h = Hypotheses(x, np.repeat(np.eye(STATES)[..., None, None], count, axis=2), np.zeros((count, 1)))
@@ -33,7 +33,7 @@ def bank_step(count: int) -> Callable[[int], object]:
 
 
 def in_flight() -> Callable[[int], object]:
-    """An estimator that hears a target from a turning vehicle at 20 Hz."""
+    """Return a step of an estimator with range samples from a turning vehicle at 20 Hz."""
     estimator, rng = AutoEstimator(EstimatorSettings(15.0, 0.35)), np.random.default_rng(0)
 
     def step(number: int) -> None:

@@ -5,7 +5,8 @@
 
 The members have the product's noisy sensors and estimate the drift. Compass biases have 2 deg standard deviation, the
 planes' airspeeds 2 %. The study changes one condition of six planes at a time. A flight takes about 9 s of processor
-time for each member and 200 s. `--keep FILE` adds every flight to a file of JSON lines and skips those that it holds.
+time for each member and 200 s. `--keep FILE` adds every flight to a file of JSON lines and skips the flights already in
+it.
 """
 
 import argparse
@@ -38,9 +39,9 @@ LEAVER, JOINER = 3, 6
 
 @dataclass(frozen=True)
 class Row:
-    """Conditions of one row. loss: share of reports. delay: of reports, s. compass: standard deviation of the biases,
-    deg. airspeed: standard deviation of the airspeeds, as a share. event: "leave" or "join" of one member. duration: s.
-    """
+    """Conditions of one row. loss: share of lost reports. delay: of reports, s. compass: standard deviation of the
+    compass biases, deg. airspeed: standard deviation as a share. event: "leave" or "join" of one member. duration:
+    s."""
 
     mission: str
     size: int

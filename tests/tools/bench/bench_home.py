@@ -1,18 +1,18 @@
-"""Flights home of a plane without GPS to its beacon, 2 km away: how many arrive, and how long they take.
+"""Flights home of a plane without GPS to its beacon, 2 km away: share that arrives, and duration.
 
     python -m tests.tools.bench.bench_home --seeds 1 100 [--out FILE] [--wind 0.33] [--set KEY=VALUE]
 
 `config/home.toml` in lockstep. The seed draws the wind's direction, the bearing of the start, the heading and the sense
-of the circle. One line a flight, judged by the true track; seeds that FILE already has are not flown again. Then the
-share that came home, and quantiles.
+of the circle. One line per flight, judged by the true track. Seeds that FILE already has are not flown again. At the
+end it prints the share that came home, and quantiles.
 
     straight   the straight way from the engagement to within 150 m in this wind, nose held into it, s
     home       time from the engagement to within 150 m, s
     ratio      home over straight
     farthest   largest distance from the beacon in the two laps after that, m
-    nearest    the smallest one, m
-    rms        of the radius error over the second lap, m
-    away       how much farther than at the engagement the plane ever was, m
+    nearest    smallest distance from the beacon in these laps, m
+    rms        radius error over the second lap, m
+    away       largest distance from the beacon less the distance at the engagement, m
 """
 
 import argparse
@@ -35,8 +35,8 @@ SPEED = 15.0
 
 @dataclass(frozen=True)
 class Homing:
-    """A line. Angles in degrees from north: where the wind comes from, where the plane starts as seen from the beacon,
-    and its heading."""
+    """One line of the output. Angles in degrees from north: the direction that the wind comes from, the bearing of the
+    start from the beacon, and the plane's heading."""
 
     seed: int
     wind_from: float
@@ -52,7 +52,7 @@ class Homing:
 
     @property
     def came(self) -> bool:
-        """True if it came home, and stayed."""
+        """True if the plane came home and stayed."""
         return isfinite(self.home) and self.farthest <= HOME
 
     @property
@@ -64,7 +64,8 @@ NAMES = [one.name for one in fields(Homing)]
 
 
 def prepared(seed: int, *overrides: str, wind: float = 0.33, away: float = 2000.0) -> tuple[Flight, list[float]]:
-    """A flight that has yet to begin, and the angles of its line. wind: in units of V. away: start, m."""
+    """Return a flight that has not started, and the angles of its line. wind: in units of V. away: distance of the
+    start, m."""
     chance = Random(seed)
     wind_from, bearing, heading = (chance.uniform(0.0, 360.0) for _ in range(3))
     direction = chance.choice(("clockwise", "counterclockwise"))
@@ -79,7 +80,7 @@ def prepared(seed: int, *overrides: str, wind: float = 0.33, away: float = 2000.
 
 
 def fly(seed: int, *overrides: str, **changes: float) -> Homing:
-    """One flight, until it has flown its laps or its mission has ended."""
+    """Fly until the laps are flown or the mission has ended."""
     flown, angles = prepared(seed, *overrides, **changes)
     orbit = flown.pilot.settings.orbit
     lap = 2 * pi * orbit.radius / orbit.speed
@@ -103,14 +104,14 @@ def fly(seed: int, *overrides: str, **changes: float) -> Homing:
     last = np.array([true_radius(one) for one in late if one.time > flown.now - lap]) - orbit.radius
     away = radii.max() - radii[0]
     if late and -orbit.direction.turn_sign * clockwise_turns(late) < 0.7 * LAPS:
-        home = inf  # not on the circle, or round it the wrong way
+        home = inf  # not on the circle, or in the wrong sense
     ranges = [true_radius(truth) for truth in late] or [inf]
     rms = float(np.sqrt(np.mean(last**2))) if len(last) else inf
     return Homing(seed, *angles, straight, home, home / straight, max(ranges), min(ranges), rms, float(away))
 
 
 def summary(lines: list[Homing]) -> str:
-    """The share that came home, and quantiles over all flights."""
+    """Return the share that came home, and quantiles over all flights."""
     text = [f"{sum(one.came for one in lines)} of {len(lines)} home: on the circle, and within {HOME:g} m from then on"]
     for name in ("ratio", "farthest", "nearest", "rms", "away"):
         values = np.array([getattr(one, name) for one in lines])
@@ -120,14 +121,14 @@ def summary(lines: list[Homing]) -> str:
 
 
 def read(path: Path | None) -> dict[int, Homing]:
-    """Lines of earlier flights."""
+    """Return the lines of earlier flights."""
     rows = path.read_text().splitlines() if path is not None and path.is_file() else []
     table = [row.split() for row in rows if row[:1].isdigit()]
     return {int(seed): Homing(int(seed), *map(float, rest)) for seed, *rest in table}
 
 
 def main() -> None:
-    """A line a flight, then the summary."""
+    """Print a line per flight, then the summary."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, nargs=2, default=(1, 20), metavar=("FIRST", "LAST"))
     parser.add_argument("--out", type=Path, help="file of the lines, to be continued")

@@ -2,8 +2,8 @@
 
 a real-time flight on a busy machine.
 
-`circnav fly` in a process of its own, over UDP, against a vehicle flown here that sends 200 messages a second, with a
-process that does nothing but compute for each core. Prints; asserts nothing.
+`circnav fly` in a separate process, over UDP, against a vehicle in this process that sends 200 messages per second,
+with one busy process per core. Prints figures without asserting.
 """
 
 import argparse
@@ -27,12 +27,12 @@ MISSION = ROOT / "config" / "arducopter.toml"
 RADIUS, TICK = 30.0, 0.05
 GCS, RANGE = (255, 190), 132
 EXTRA = {31: 50, 32: 50, 33: 50, 24: 10, 85: 10}
-"""Message id -> Hz of what is sent besides the streams that the application asks for (31 a second)."""
+"""Message id -> rate in Hz, for messages sent besides the streams that the application requests (31 per second)."""
 SETTLING = 90.0
 
 
 class Bench:
-    """What is heard of the application, with the moments of this process."""
+    """Records of the application's output, with times of this process."""
 
     def __init__(self) -> None:
         self.sent = 0
@@ -40,7 +40,7 @@ class Bench:
         self.latencies: list[float] = []
         self.errors: list[float] = []
         self.memory: list[tuple[float, float]] = []
-        """Once a second: time and what the application keeps, MB."""
+        """Once a second: time, s, and memory of the application, MB."""
 
     def fly(self, vehicle: VehicleOnPort, process: "subprocess.Popen[bytes]", seconds: float) -> None:
         range_at: float | None = None
@@ -65,7 +65,7 @@ class Bench:
 
 
 def lateness(ticks: Path) -> list[float]:
-    """How late each tick of a run was that no range had called for, s."""
+    """Return the delay of each tick of a run that was not triggered by a range, s."""
     beat, accepted, late = TickScheduler(TICK), 0, []
     with ticks.open(newline="", encoding="utf-8") as file:
         for row in csv.DictReader(file):

@@ -1,12 +1,12 @@
-"""How well the survey knows where the target is: many flights of the bundled vehicle, judged by its truth.
+"""Accuracy of the target localization: many flights of the bundled vehicle, judged by its truth.
 
     python -m tests.tools.bench.bench_locate --flights 200
 
-One row a situation. Beyond GPS: error less the mean error of the reported positions over the same time, 95th
-percentile. Band: share of flights whose squared error in units of the stated covariance (NEES) lies in its 95 % band.
-Bound: the Cramer-Rao bound of ranges alone, the positions taken as true, over the tracks as flown: 95th percentile of
-the horizontal error and of the height's. The GPS wanders by 1.5 m with 60 s, which the survey does not know (it assumes
-1.5 m and 100 s); wind 5 m/s with gusts of 1 m/s.
+One row per situation. Beyond GPS: error less the mean error of the reported positions over the same time, 95th
+percentile. Band: share of flights with a squared error in units of the stated covariance (NEES) within its 95 % band.
+Bound: the Cramer-Rao bound of ranges alone, the positions taken as true, over the tracks as flown: 95th percentiles of
+horizontal error and height error. The GPS error wanders by 1.5 m with 60 s, while the localization assumes 1.5 m and
+100 s; wind 5 m/s with gusts of 1 m/s.
 """
 
 import argparse
@@ -26,7 +26,7 @@ from tests.extras.locate.flown import Surveyed, laps, nees, surveyed
 BAND = (0.0506, 7.378)
 """95 % of chi-squared with two degrees of freedom."""
 SETTLED, LONGEST = 40.0, 400.0
-"""Time, s, from which the vehicle is on its circle, and for which a flight lasts at most."""
+"""Time after which the vehicle is on its circle, and longest duration of a flight, s."""
 WORLD = (
     'sim.vehicle.dynamics="airborne"', "sim.wind.speed_mps=5", "sim.wind.gust_rms_mps=1", "sim.sensors.gps_error_m=1.5",
     "sim.start.random.range_m=[120, 200]", "sim.start.random.bearing_deg=[0, 360]", "limits.duration_s=1000",
@@ -35,7 +35,7 @@ WORLD = (
 
 @dataclass(frozen=True)
 class Situation:
-    """laps: whole ones round the true target, counted on the last circle."""
+    """laps: whole laps round the true target, counted on the last circle."""
 
     name: str
     changes: tuple[str, ...] = ()
@@ -57,8 +57,8 @@ SITUATIONS = (
 
 @dataclass(frozen=True)
 class Result:
-    """error, gps: m. nees: of the place. bound: of the place and of its height, m. up: error of the height, m; None:
-    not claimed. speed: error, m/s; None: it is said to stand."""
+    """error, gps: m. nees: of the position. bound: of the position and of its height, m. up: error of the height, m;
+    None: no height is stated. speed: error, m/s; None: a target at rest is stated."""
 
     error: float
     gps: float
@@ -70,7 +70,7 @@ class Result:
 
 
 def fly(situation: Situation, seed: int) -> Result | None:
-    """One flight; None where no place was found. What counts begins on the first circle."""
+    """Fly once. Return None if no position was found. Only ranges from the first circle on count."""
     flown = surveyed("quickstart", *WORLD, *situation.changes, f"sim.seed={seed}", law="auto", gps_sigma=situation.gps)
     locator, later = flown.locator, len(flown.pilot.settings.later_radii)
     assert locator is not None
@@ -102,8 +102,9 @@ def fly(situation: Situation, seed: int) -> Result | None:
 
 
 def bound(flown: Surveyed, locator: Locator) -> tuple[float, float]:
-    """Of the ranges that count: the Fisher matrix of east, north, up, bias and, where the target moves, its velocity,
-    with what the survey knows beforehand of height and bias. A radio's drift is an AR(1) process."""
+    """Return the Cramer-Rao bound of the counted ranges, m: 95 % radius of the position, and of the height. The states
+    are east, north, up, bias and, for a moving target, its velocity, with the localization's priors of height and bias.
+    A radio's drift is an AR(1) process."""
     radio, times = flown.vehicle._flight.config.ranging, np.array(locator._ranges)[:, 0]
     kind, moves = CHARACTERS[radio.preset], flown.truths[0].target_east != flown.truths[-1].target_east
     true = np.array([
@@ -124,7 +125,7 @@ def bound(flown: Surveyed, locator: Locator) -> tuple[float, float]:
 
 
 def _gps_error(flown: Surveyed, locator: Locator) -> np.ndarray:
-    """Mean error of the reported positions that count, east and north, m."""
+    """Return the mean error of the counted reported positions, east and north, m."""
     assert locator.plane is not None
     track, times = np.array(locator._track), [one.time for one in flown.truths]
     home = locator.plane.to_metres(HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG)
@@ -133,7 +134,7 @@ def _gps_error(flown: Surveyed, locator: Locator) -> np.ndarray:
 
 
 def row(situation: Situation, results: list[Result | None]) -> str:
-    """A situation as a line of the table."""
+    """Return the line of the table for a situation."""
     found = [one for one in results if one is not None]
     inside = np.mean([BAND[0] <= one.nees <= BAND[1] for one in found])
     below = np.mean([one.nees <= BAND[1] for one in found])
@@ -152,7 +153,7 @@ def row(situation: Situation, results: list[Result | None]) -> str:
 
 
 def main() -> None:
-    """The table."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--flights", type=int, default=200)
     parser.add_argument("--situation", action="append", metavar="NAME", help="only these")

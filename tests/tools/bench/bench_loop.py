@@ -1,15 +1,15 @@
-"""What the loop costs, beside a bare pymavlink loop in the same run. Prints; asserts nothing.
+"""Processor cost of the loop, beside a bare pymavlink loop in the same run. Prints figures without asserting.
 
     python -m tests.tools.bench.bench_loop [--seconds 120]
 
-1. Range datagram in to setpoint datagram out over UDP. `circnav fly` under `auto` and `smooth`, each in a process of
-   its own, and the least that pymavlink can do receive the quickstart's flight again in real time, in turn: attitudes,
-   accelerations, airspeed, heartbeats and ranges at the rates that circnav requests. Questions for the time are
-   answered. Aim: at most 12 (`auto`) and 6 (`smooth`) times the median of the bare loop.
+1. Range datagram in to setpoint datagram out over UDP. `circnav fly` under `auto` and `smooth`, each in a separate
+   process, and a minimal pymavlink loop receive the recorded quickstart flight in real time, in turn: attitudes,
+   accelerations, airspeed, heartbeats and ranges at the rates that circnav requests. TIMESYNC requests are answered.
+   Aim: at most 12 (`auto`) and 6 (`smooth`) times the median of the bare loop.
 2. The same with ranges at 20 Hz and ATTITUDE at 25 Hz, each law alone on a quarter of one core: a control group grants
-   2.5 ms in 10 ms. Aim: 99 % within half a tick, 25 ms. Needs the right to make a control group (root).
-3. What a range and a tick cost between the bytes and the setpoint, without sockets, and the processor's time of 600 s
-   of flight, in lockstep with the vehicle (which is counted, too) and without.
+   2.5 ms in 10 ms. Aim: 99 % within half a tick, 25 ms. Requires the right to make a control group (root).
+3. Cost of a range and of a tick between the bytes and the setpoint, without sockets, and the processor time of 600 s of
+   flight, in lockstep with the vehicle (whose time is included) and without it.
 """
 
 import argparse
@@ -41,15 +41,15 @@ MISSION = ROOT / "config" / "quickstart.toml"
 BARE, LAWS = "bare pymavlink", ("smooth", "auto")
 RANGE = dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR
 ANSWERED = {dialect.MAVLINK_MSG_ID_TIMESYNC, dialect.MAVLINK_MSG_ID_COMMAND_ACK}
-"""What the vehicle of the recording answered is answered anew."""
+"""Messages with answers of the recorded vehicle, which are not replayed: requests get a new answer."""
 SETTLING = 40.0
-"""Time, s, after which every law has found what it looks for."""
+"""Time after which every law has settled, s."""
 PATIENCE = 0.03
-"""Time, s, for which an answer is waited for: the next listener is due."""
+"""Longest wait for an answer, s: then the next listener is due."""
 STARTING = 30.0
 GOES_ON = ("limits.duration_s=1e6", "sim.truth.rate_hz=0")
 QUARTER, PERIOD_US = 0.25, 10_000
-"""Share of one core, and time, us, in which it is granted: a whole core of a quarter of the speed, nearly."""
+"""Share of one core, and period in which it is granted, us. Nearly equal to a whole core of a quarter of the speed."""
 HALF_TICK = 0.025
 FAST = ("ranging.rate_hz=20.0", "sim.ranging.rate_hz=20.0")
 FAST_ATTITUDE = {dialect.MAVLINK_MSG_ID_ATTITUDE: 25.0}
@@ -57,7 +57,7 @@ CGROUPS = Path("/sys/fs/cgroup")
 
 
 def recorded(law: str, seconds: float, *overrides: str) -> list[tuple[float, bytes]]:
-    """What the vehicle sends in a flight under a law, with its times, s."""
+    """Return the frames of the vehicle in a flight under a law, with their times, s."""
     received: list[tuple[float, bytes]] = []
 
     def hears(frame: bytes, now: float) -> bool:
@@ -73,7 +73,7 @@ def recorded(law: str, seconds: float, *overrides: str) -> list[tuple[float, byt
 
 @dataclass
 class Listener:
-    """One that hears the flight and answers: its socket here, and the times that its answers take, s."""
+    """A process that receives the flight and answers: its socket here, and its answer times, s."""
 
     name: str
     flight: list[tuple[float, bytes]]
@@ -94,7 +94,7 @@ class Listener:
         return int(self.link.getsockname()[1])
 
     def take(self) -> bool:
-        """Take in one datagram; answer questions; tells whether it held a setpoint."""
+        """Receive one datagram and answer its requests. Return True if it contained a setpoint."""
         data, self.address = self.link.recvfrom(65536)
         setpoint = False
         for frame in frames(data):
@@ -115,7 +115,8 @@ class Listener:
         self.link.sendto(answer.pack(self.writer), self.address)
 
     def range_to_setpoint(self, frame: bytes) -> float | None:
-        """Send a range, s until its setpoint is here; None if none comes. Who does not steer is not waited for."""
+        """Send a range and return the time until its setpoint arrives, s, or None. A listener that does not steer is
+        not waited for."""
         began = time.perf_counter()
         self.link.sendto(frame, self.address)
         steers, self.steers = self.steers, False
@@ -131,7 +132,7 @@ class Listener:
 
 
 def bare_loop(port: int) -> None:
-    """The least that can answer: parse with pymavlink, pack a setpoint, send."""
+    """Minimal loop: parse with pymavlink, pack a setpoint, send."""
     link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     reader, writer = dialect.MAVLink(None), dialect.MAVLink(None, 1, 191)
     reader.robust_parsing = True
@@ -147,7 +148,7 @@ def bare_loop(port: int) -> None:
 
 
 def start(name: str, seconds: float, folder: Path, *overrides: str) -> Listener:
-    """A listener in a process of its own."""
+    """Start a listener in a separate process."""
     law = "smooth" if name == BARE else name
     here = Listener(name, recorded(law, seconds, *overrides), socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
     if name == BARE:
@@ -185,7 +186,7 @@ def limited(share: float) -> Iterator[Callable[[int], None]]:
 
 
 def play(listeners: list[Listener]) -> None:
-    """Send everybody his flight in real time, a third of a range's period apart."""
+    """Send each listener its flight in real time, with ranges a third of a period apart."""
     for one in listeners:
         if not select.select([one.link], [], [], STARTING)[0]:
             raise SystemExit(f"{one.name}: does not speak")
@@ -213,7 +214,7 @@ def play(listeners: list[Listener]) -> None:
 
 
 def latency_table(seconds: float) -> None:
-    """Fly all three at once, in turn, and print."""
+    """Fly all three in parallel, with ranges in turn, and print the times."""
     with tempfile.TemporaryDirectory() as folder:
         listeners = [start(name, SETTLING + seconds, Path(folder)) for name in (BARE, *LAWS)]
         try:
@@ -237,7 +238,7 @@ def latency_table(seconds: float) -> None:
 
 
 def quarter_table(seconds: float) -> None:
-    """Fly each law alone on a quarter of a core, and print."""
+    """Fly each law alone on a quarter of a core, and print the times."""
     print(f"the same on {QUARTER:g} of one core, ranges at 20 Hz, ATTITUDE at 25 Hz, milliseconds")
     for law in LAWS:
         try:
@@ -265,7 +266,7 @@ def quarter_table(seconds: float) -> None:
 
 
 class Stopwatch:
-    """Notes how long the pilot of a flight takes from the bytes of a range, or the tick, to its setpoint, s."""
+    """Measures the pilot's time from the bytes of a range, or from the tick, to its setpoint, s."""
 
     def __init__(self, flown: Flight) -> None:
         self._pilot = pilot = flown.pilot
@@ -296,7 +297,7 @@ class Stopwatch:
 
 
 def mission_cpu(law: str) -> None:
-    """600 s of flight in lockstep with real bytes."""
+    """Print the processor time of 600 s of flight in lockstep with real bytes."""
     flown = flight("quickstart", "sim.truth.rate_hz=0", "limits.duration_s=600.0", law=law)
     watch = Stopwatch(flown)
     began = time.process_time()

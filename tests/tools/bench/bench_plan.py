@@ -6,8 +6,8 @@
 A mission is drawn from its number: vehicle, speed, radius, wind, gusts, and noise and rate of the radio. A draw that
 `circnav check` does not pass is drawn again. A flight appends one line to the file, so that an interrupted run resumes.
 
-radius RMS: of the true radius over the last WINDOW seconds. Survey: the standard deviation that `circnav locate` states
-for these seconds, and its error.
+Radius RMS: true radius over the last WINDOW seconds. Survey: standard deviation stated by `circnav locate` for these
+seconds, and its error.
 """
 
 import argparse
@@ -33,11 +33,11 @@ from tests.extras.locate.flown import Surveyed, surveyed
 from tests.flight.lockstep import CONFIG
 
 WINDOW, SETTLING = 240.0, 60.0
-"""Time that is judged, and time before it to reach the circle, s."""
+"""Judged time, and time before it to reach the circle, s."""
 STRICT = ("turn rate", "drift", "margin", "rate error", "sampling", "gain")
 """Check lines that must pass."""
 WITHIN = 0.3
-"""Largest error of the plan, as a share of its figure."""
+"""Largest error of the plan, as a share of the flown figure."""
 SPEEDS = {"arduplane": (15.0, 27.0), "arducopter": (3.0, 8.0), "ardurover": (1.5, 5.0)}
 SHARES = {"arduplane": 0.45, "arducopter": 0.4, "ardurover": 0.15}
 MOST_TRIED = 200

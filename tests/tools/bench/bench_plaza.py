@@ -1,13 +1,13 @@
-"""The place of a beacon by one vehicle, on real ranges: ours beside GTSAM, a particle filter and least squares.
+"""Localization of a beacon by one vehicle, on real ranges: circnav beside GTSAM, a particle filter and least squares.
 
     pip install -e '.[survey-bench]'
     python -m tests.tools.bench.bench_plaza
 
-Plaza 1 and 2 (Djugash and Singh, Carnegie Mellon University): a robot mower with an RTK receiver and a radio whose
-ranges are 7 % long, four surveyed beacons each. The data come in the `gtsam` wheel. Each method gets the ranges of one
-beacon as they were measured and the true path of the mower; the height is that of the path. All but the first row,
-GTSAM's own range factor, have a bias and a scale of the radio as states. All start without an idea of the place.
-Sigma: along the long axis of the stated covariance. Inside: beacons in the 95 % ellipse.
+Plaza 1 and 2 (Djugash and Singh, Carnegie Mellon University): a robot mower with an RTK receiver and a radio that
+measures 7 % too far, with four surveyed beacons each. The data come in the `gtsam` wheel. Each method gets the measured
+ranges of one beacon and the true path of the mower. The beacon is at the height of the path. All but the first row,
+GTSAM's own range factor, have a bias and a scale of the radio as states. All start without a prior of the place. Sigma:
+along the long axis of the stated covariance. Inside: beacons in the 95 % ellipse.
 """
 
 import argparse
@@ -29,19 +29,19 @@ from circnav_mav.extras.locate.estimator import Knowledge, Place, Ranges, Track,
 from circnav_mav.extras.locate.place import Array, Plane
 
 NOISE, HUBER = 0.5, 1.345
-"""Of a range, m, for the methods that need it given; standard deviations from which the loss is linear."""
+"""Range noise for the methods that require it, m; Huber threshold, in standard deviations."""
 BIAS, SCALE = 2.0, 0.1
 """Standard deviations of the radio's bias, m, and scale."""
 INSIDE = 5.991
 """95 % of chi-squared with two degrees of freedom."""
 PARTICLES, ROUGHENING = 3000, (0.02, 0.02, 0.01, 0.0005)
-"""Of the particle filter; random walk of a constant state between two ranges (m, m, m, 1), without which resampling
-leaves one particle."""
+"""Number of particles; random walk of the constant states between two ranges (m, m, m, 1), without which resampling
+keeps only one particle."""
 
 
 @dataclass(frozen=True)
 class Beacon:
-    """One beacon. true: east, north, m. places: of the mower at the ranges, (n, 2)."""
+    """One beacon. true: east, north, m. places: positions of the mower at the ranges, m, (n, 2)."""
 
     name: str
     true: Array
@@ -51,11 +51,11 @@ class Beacon:
 
 
 Estimate = tuple[Array, Array]
-"""East and north, m, and their covariance."""
+"""East and north, m, and their covariance, m^2."""
 
 
 def beacons(folder: Path) -> Iterator[Beacon]:
-    """Read the eight beacons. folder: of the MATLAB files."""
+    """Yield the eight beacons. folder: of the MATLAB files."""
     for plaza in (1, 2):
         table = loadmat(folder / f"Plaza{plaza}_.mat")
         when, east, north = table["GT"][:, :3].T
@@ -68,7 +68,7 @@ def beacons(folder: Path) -> Iterator[Beacon]:
 
 
 def ours(beacon: Beacon) -> Estimate:
-    """`circnav locate --altitude 0 --gps-sigma 0.05`."""
+    """Run `circnav locate --altitude 0 --gps-sigma 0.05`."""
     known = Knowledge(up=0.0, up_sigma=0.05, gps_sigma=0.05, bias_sigma=BIAS, delay_sigma=0.5, sigma_known=False)
     place = locate_as_it_shows(Plane(40.4, -79.9), beacon.track, beacon.ranges, known)
     assert isinstance(place, Place), place
@@ -76,14 +76,14 @@ def ours(beacon: Beacon) -> Estimate:
 
 
 def _starts(beacon: Beacon) -> Iterator[Array]:
-    """Points round the middle of the path, for the methods that need one to start from."""
+    """Yield points round the middle of the path, as starting points of a method."""
     middle, reach = beacon.places.mean(axis=0), float(np.median(beacon.ranges.r))
     for angle in np.arange(8) * np.pi / 4:
         yield middle + reach * np.array([np.cos(angle), np.sin(angle)])
 
 
 def plain(beacon: Beacon) -> Estimate:
-    """Least squares with bias and scale, nothing robust; the covariance by the residuals."""
+    """Non-robust least squares with bias and scale. The covariance is computed from the residuals."""
 
     def residuals(x: Array) -> Array:
         far = np.hypot(*(x[:2] - beacon.places).T)
@@ -96,8 +96,8 @@ def plain(beacon: Beacon) -> Estimate:
 
 
 def gtsam_batch(beacon: Beacon, *, scale: bool) -> Estimate:
-    """Levenberg-Marquardt over one factor a range, with a Huber loss. scale: with bias and scale as a second variable,
-    by a custom factor; GTSAM's own range factor has neither."""
+    """Levenberg-Marquardt over one factor per range, with a Huber loss. scale: True for bias and scale as a second
+    variable in a custom factor, because GTSAM's own range factor has neither."""
     import gtsam
 
     point, radio = gtsam.symbol("l", 0), gtsam.symbol("b", 0)
@@ -147,7 +147,7 @@ def particles(beacon: Beacon) -> Estimate:
     from stonesoup.updater.particle import ParticleUpdater
 
     class Reported(NonLinearGaussianMeasurement):  # type: ignore[misc]
-        """Reading of an erring radio at a place of the vehicle."""
+        """Range measured by a radio with errors, from a place of the vehicle."""
 
         translation_offset = None
         place = np.zeros(2)
@@ -177,7 +177,7 @@ def particles(beacon: Beacon) -> Estimate:
     for at, (place, reading) in enumerate(zip(beacon.places, beacon.ranges.r, strict=True)):
         model = Reported(ndim_state=4, mapping=(0, 1), noise_covar=np.array([[(2 * NOISE) ** 2]]))
         model.place = place
-        when = began + timedelta(seconds=at + 1)  # of even steps: the walk is one of ranges, not of seconds
+        when = began + timedelta(seconds=at + 1)  # equal steps: the random walk is per range, not per second
         detection = Detection(StateVector([reading]), timestamp=when, measurement_model=model)
         state = updater.update(SingleHypothesis(predictor.predict(state, timestamp=when), detection))
     cloud, weight = np.asarray(state.state_vector, float)[:2], np.asarray(state.weight, float)
@@ -195,7 +195,7 @@ METHODS: dict[str, Callable[[Beacon], Estimate]] = {
 
 
 def row(name: str, method: Callable[[Beacon], Estimate], given: list[Beacon], *, each: bool) -> str:
-    """Return a method as a line of the table. each: with the error at each beacon."""
+    """Return the line of the table for a method. each: True to add the error at each beacon."""
     began, errors, sigmas, inside = time.process_time(), list[float](), list[float](), 0
     for beacon in given:
         found, covariance = method(beacon)
@@ -210,7 +210,7 @@ def row(name: str, method: Callable[[Beacon], Estimate], given: list[Beacon], *,
 
 
 def main() -> None:
-    """The table."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, metavar="DIR", help="Plaza1_.mat, Plaza2_.mat. [default: of gtsam]")
     parser.add_argument("--method", action="append", metavar="NAME", choices=METHODS, help="only these")

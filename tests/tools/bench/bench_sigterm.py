@@ -2,8 +2,8 @@
 
 from the signal to the safe setpoint, over UDP.
 
-The application is a process of its own that flies the quickstart; the vehicle is flown here, on the same machine, and
-notes when the first safe setpoint (no speed, no turn) arrives after the signal.
+The application flies the quickstart in a separate process. The vehicle runs in this process and records the arrival of
+the first safe setpoint (no speed, no turn) after the signal.
 """
 
 import argparse
@@ -22,7 +22,7 @@ PATIENCE, FLY_FOR = 60.0, 1.0
 
 
 def wait_for(vehicle: VehicleOnPort, found: Callable[[Any], bool], until: float) -> float:
-    """When a setpoint of a kind is heard; infinity if none is until then."""
+    """Return the time at which a matching setpoint is received, or infinity."""
     while vehicle.now < until:
         data = vehicle.turn()
         if any(message_id(frame) == SETPOINT and found(read(frame)) for frame in frames(data)):
@@ -31,7 +31,7 @@ def wait_for(vehicle: VehicleOnPort, found: Callable[[Any], bool], until: float)
 
 
 def once(number: int) -> float:
-    """One flight that is told to end; s from the signal to the safe setpoint."""
+    """Fly once and send the signal. Return the time from the signal to the safe setpoint, s."""
     with flown(ROOT / "config" / "quickstart.toml") as (vehicle, process, _):
         wait_for(vehicle, lambda setpoint: setpoint.vx > 0, PATIENCE)
         wait_for(vehicle, lambda setpoint: False, vehicle.now + FLY_FOR)

@@ -1,9 +1,10 @@
 """python -m tests.tools.bench.bench_start [--times 5]:
 
-how soon `circnav fly` speaks, what `check` costs, memory in flight.
+time to the first heartbeat of `circnav fly`, cost of `check`, memory in flight.
 
-Processor times beside that of importing numpy and pymavlink's dialect, in the same run, in turn. The flight is the
-quickstart's in real time; its memory is what is resident once it steers, threads and all. Prints; asserts nothing.
+Processor times beside the time to import numpy and pymavlink's dialect, in the same run, in turn. The flight is the
+quickstart's in real time. Its memory is the resident memory while it steers, with all threads. Prints figures without
+asserting.
 """
 
 import argparse
@@ -20,12 +21,12 @@ MISSION = ROOT / "config" / "quickstart.toml"
 IMPORTS = ["-c", "import numpy; from pymavlink.dialects.v20 import all"]
 CHECK = ["-m", "circnav_mav", "check", str(MISSION)]
 STEERED = 20.0
-"""Time, s, of steering before the memory is read."""
+"""Time of steering before the memory is read, s."""
 PATIENCE = 60.0
 
 
 def processor_time(arguments: list[str]) -> float:
-    """Of a Python process, s."""
+    """Return the processor time of a Python process, s."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run([sys.executable, *arguments], cwd=ROOT, stdout=subprocess.DEVNULL, check=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -33,7 +34,8 @@ def processor_time(arguments: list[str]) -> float:
 
 
 def fly(law: str, steered: float) -> tuple[float, float]:
-    """Start `circnav fly`: s until its first heartbeat, and MB once it has steered for a time (s; 0: at once)."""
+    """Start `circnav fly`. Return the time to its first heartbeat, s, and its memory after it has steered for a time,
+    MB. steered: s; 0: memory at the first heartbeat."""
     with flown(MISSION, "--set", f'guidance.law="{law}"') as (vehicle, process, _):
         while not vehicle.received and vehicle.now < PATIENCE:
             vehicle.turn()
@@ -46,7 +48,7 @@ def fly(law: str, steered: float) -> tuple[float, float]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Measure and print."""
+    """Print the measured times and memory."""
     parser = argparse.ArgumentParser(prog="python -m tests.tools.bench.bench_start", description=__doc__)
     parser.add_argument("--times", type=int, default=5)
     times = parser.parse_args(arguments).times

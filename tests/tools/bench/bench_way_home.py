@@ -1,11 +1,11 @@
-"""How far from the truth a plane is that is handed back on its way home, without GPS, 2 km from the beacon.
+"""Position error of a plane that is handed back on its way home, without GPS, 2 km from the beacon.
 
     python -m tests.tools.bench.bench_way_home --reach 500 --flights 4 [--change] [--heading 3] [--gusts 1 3]
 
 The bundled ArduPlane in lockstep: wind 5 m/s from the west, GPS lost after 100 s, with --change 8 m/s from the north
-after 130 s, RTL after 260 s. One line a flight: error of the position that is given, m, when the circle ends, when the
-vehicle comes within 150 m of home, and a minute later. heading: an error of the compass that begins with the way home,
-degrees. The emulated autopilot flies home by the truth.
+after 130 s, RTL after 260 s. One line per flight: error of the reported position, m, at the end of the circle, at 150 m
+from home, and 60 s later. heading: compass error that begins with the way home, degrees. The emulated autopilot flies
+home by the truth.
 """
 
 import argparse
@@ -40,7 +40,7 @@ class WayHome:
         self.errors: list[tuple[float, float, float]] = []
 
     def watch(self, flown: Surveyed) -> None:
-        """Let happen what is due, and look."""
+        """Apply the events that are due and record the error."""
         flight, locator = flown.vehicle._flight, flown.locator
         if self.options.change and not self.changed and flown.now > CHANGED:
             self.changed = True
@@ -57,7 +57,7 @@ class WayHome:
             self.errors.append((flown.now, error, hypot(truth.east, truth.north)))
 
     def fly(self, seed: int) -> tuple[float, float, float]:
-        """When it leaves the circle, at home, and later."""
+        """Fly, and return the errors at the end of the circle, at home, and later, m."""
         rms, time = self.options.gusts
         changes = (f"sim.ranging.max_range_m={self.options.reach}", f"sim.wind.gust_rms_mps={rms}",
                    f"sim.wind.gust_time_s={time}", f"sim.seed={seed}")  # fmt: skip
@@ -71,7 +71,7 @@ class WayHome:
 
 
 def main() -> None:
-    """A line a flight, and their root mean squares."""
+    """Print a line per flight, and their root mean squares."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--reach", type=float, default=500.0, help="of the radio, m")
     parser.add_argument("--flights", type=int, default=4)

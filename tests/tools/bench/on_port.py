@@ -1,4 +1,4 @@
-"""`circnav fly` in a process of its own, in real time, and the vehicle that it flies on a UDP port of this process."""
+"""`circnav fly` in a separate process, in real time, and its vehicle on a UDP port of this process."""
 
 import os
 import select
@@ -20,7 +20,7 @@ LONGEST_WAIT = 0.05
 
 
 class VehicleOnPort:
-    """The vehicle of a mission, and the application that it is flown by: whoever spoke last. Times, s, since it is."""
+    """A mission's vehicle and the application that last sent to it. Times are in s since the start."""
 
     def __init__(self, mission: Path) -> None:
         self.vehicle = Vehicle(load_vehicle(mission))
@@ -37,11 +37,11 @@ class VehicleOnPort:
 
     @property
     def received(self) -> bool:
-        """Whether the application has spoken."""
+        """True if the application has sent a datagram."""
         return self._peer is not None
 
     def speak(self) -> Iterator[bytes]:
-        """Carry the vehicle on to now; the frames that it sends, each when it has left."""
+        """Advance the vehicle to now. Send its frames and yield each one."""
         self.vehicle.advance(self.now)
         for frame in self.vehicle.outgoing():
             if self._peer is not None:
@@ -49,7 +49,8 @@ class VehicleOnPort:
                 yield frame
 
     def hear(self) -> bytes:
-        """Wait for the application while the vehicle has nothing to do; what came of it, and went on to the vehicle."""
+        """Wait for a datagram of the application until the vehicle's next event. Pass it to the vehicle and return
+        it."""
         wait = min(self.vehicle.next_event - self.now, LONGEST_WAIT)
         if not select.select([self._socket], [], [], max(wait, 0.0))[0]:
             return b""
@@ -58,7 +59,7 @@ class VehicleOnPort:
         return data
 
     def turn(self) -> bytes:
-        """Speak, and hear."""
+        """Send the vehicle's frames, then receive a datagram."""
         for _ in self.speak():
             pass
         return self.hear()
@@ -66,7 +67,7 @@ class VehicleOnPort:
 
 @contextmanager
 def flown(mission: Path, *arguments: str) -> Iterator[tuple[VehicleOnPort, "subprocess.Popen[bytes]", Path]]:
-    """A vehicle, the process of `circnav fly` that flies it, and the folder of its run."""
+    """Start `circnav fly` on a vehicle. Yield the vehicle, the process, and the run folder."""
     vehicle = VehicleOnPort(mission)
     with tempfile.TemporaryDirectory() as folder:
         run = Path(folder) / "run"
@@ -80,6 +81,6 @@ def flown(mission: Path, *arguments: str) -> Iterator[tuple[VehicleOnPort, "subp
 
 
 def resident_mb(process: "subprocess.Popen[bytes]") -> float:
-    """Its memory."""
+    """Return the resident memory of a process, MB."""
     pages = int(Path(f"/proc/{process.pid}/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6

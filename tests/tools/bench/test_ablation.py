@@ -1,4 +1,4 @@
-"""Each layer of the ablation is found in the product, and is back in its place afterwards."""
+"""Each layer of the ablation is found in the product, and is restored afterwards."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The parts of each bench run, on less than they measure: nobody flies the benches themselves with every change."""
+"""Short runs of each bench's parts, because the benches themselves are not run with every change."""
 
 import socket
 import threading
@@ -18,7 +18,7 @@ def vehicle():
 
 @pytest.fixture
 def application(vehicle):
-    """A socket that has greeted the vehicle."""
+    """Socket of an application that has sent to the vehicle."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
         link.connect(("127.0.0.1", int(vehicle.endpoint.rsplit(":", 1)[1])))
         link.send(Voice(1, 191).say(heartbeat(kind=18, autopilot=8)))
@@ -43,7 +43,7 @@ def test_a_setpoint_is_waited_for_until_it_comes(vehicle, application):
 
 
 def test_the_loops_latencies_are_those_of_a_listener_that_answers_each_range(monkeypatch):
-    """A quarter of a second of a flight, heard by the bare loop in a thread."""
+    """A quarter of a second of a flight, received by the bare loop in a thread."""
     monkeypatch.setattr(bench_loop, "SETTLING", 0.0)
     received = bench_loop.recorded("smooth", 0.5)
     assert {bench_loop.RANGE, 0} <= {message_id(frame) for _, frame in received}

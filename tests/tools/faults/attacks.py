@@ -1,8 +1,8 @@
-"""python -m tests.tools.faults.attacks [--profile P] [--seed N]: what attackers on the link can do, a row each.
+"""python -m tests.tools.faults.attacks [--profile P] [--seed N]: attacks over the link, one row each.
 
-F23: strangers who know everything that is said on the link, and speak from an address of their own. Where the address
-itself is forged, too, a row says so: `speaking as` the trusted address, which only signing stops. Each row tells what
-the setpoints did, and what the operator was shown meanwhile. docs/safety.md has the trust model.
+F23: unknown senders that receive all traffic of the link and send from their own address. A row says `address forged`
+if the attacker also forges the trusted address, which only signing stops. Each row checks the setpoints and the alarms
+shown to the operator. docs/safety.md has the trust model.
 """
 
 import argparse
@@ -31,19 +31,19 @@ VEHICLE, RADIO, OURS = (1, 1), (1, 192), (1, 191)
 OTHER_MODE = {"arducopter": 5, "arduplane": 12}
 KIND = {"arducopter": 2, "arduplane": 1}
 ESCAPE = b"\x1b]0;PreArm: \x1b[2J\x07\x9b31m"
-"""What would rename a terminal's window, and clear it."""
+"""Escape sequences that would set a terminal's title and clear its screen."""
 LONG = 65_000
 PATIENCE = 45.0
-"""For how long an attack from the start goes on, s: the flight would have begun for long."""
+"""Duration of an attack from the start, s: without the attack the flight would have begun much earlier."""
 DRAWN, MOST_DRAWN = 0.03, 0.6
-"""How fast, per second, and how far, of the radius, ranges are drawn away from the truth."""
+"""Drift of forged ranges away from the truth, in radii per second, and its limit, in radii."""
 
 Say = Callable[[Course, float, int], list[bytes]]
-"""(the flight, now, how many times before) -> datagrams."""
+"""Callback(flight, now, number of earlier calls): returns the attacker's datagrams."""
 
 
 def ranges(share: float, ahead: float, ids: tuple[int, int] = RADIO) -> Say:
-    """Of the radio: a share of the circle's, as its sensor would stamp them in so many seconds."""
+    """Return a sender of radio ranges for a constant share of the radius, stamped `ahead` s in the future."""
 
     def say(course: Course, now: float, n: int) -> list[bytes]:
         stamp, height = round(1000 * (now + ahead)), course.pilot.settings.height.above_target or 0.0
@@ -54,7 +54,7 @@ def ranges(share: float, ahead: float, ids: tuple[int, int] = RADIO) -> Say:
 
 
 def drawing(ahead: float, ids: tuple[int, int] = RADIO) -> Say:
-    """Of the radio: near the true ones at first, so that no gate stops them, and less and less true."""
+    """Return a sender of radio ranges that start at the true range, so that no gate rejects them, and drift away."""
     began: list[float] = []
 
     def say(course: Course, now: float, n: int) -> list[bytes]:
@@ -66,13 +66,13 @@ def drawing(ahead: float, ids: tuple[int, int] = RADIO) -> Say:
 
 
 def heartbeat(course: Course, now: float, n: int) -> list[bytes]:
-    """The operator has taken the vehicle, they say."""
+    """Return the vehicle's heartbeat in a mode that looks like a takeover by the operator."""
     kind, mode = KIND[course.profile], OTHER_MODE[course.profile]
     return [write(mavlink.MAVLink_heartbeat_message(kind, 3, 0x81, mode, 4, 3), *VEHICLE, n & 255)]
 
 
 def state(course: Course, now: float, n: int) -> list[bytes]:
-    """The vehicle has started anew, lies on the ground, its battery is empty and it flies sideways, they say."""
+    """Return reports of a reboot, a landing, an empty battery and sideways flight in the vehicle's name."""
     said = (
         mavlink.MAVLink_system_time_message(0, 5),
         mavlink.MAVLink_attitude_message(n, 1.0, 1.0, n % 3, 0, 0, 3.0),
@@ -85,7 +85,7 @@ def state(course: Course, now: float, n: int) -> list[bytes]:
 
 
 def answers(course: Course, now: float, n: int) -> list[bytes]:
-    """To our questions and commands: all denied, and every answer to TIMESYNC quicker than light, or hours late."""
+    """Return forged answers to our requests: commands denied, and TIMESYNC answered impossibly early or hours late."""
     asked = [*course.pilot.session.timesync._asked]
     said = [write(mavlink.MAVLink_timesync_message(1 + n, stamp), *VEHICLE, n & 255) for stamp in asked]
     return said + [acknowledgement(number, 2, OURS) for number in (176, 511, 512)]
@@ -96,7 +96,7 @@ def in_our_name(course: Course, now: float, n: int) -> list[bytes]:
 
 
 def whole_vehicle(course: Course, now: float, n: int) -> list[bytes]:
-    """A vehicle with its radio, which answers, too."""
+    """Return the messages of a complete vehicle with its radio."""
     mode = course.pilot.session.adapter.guided_mode
     said = (
         mavlink.MAVLink_heartbeat_message(KIND[course.profile], 3, 0x81, mode, 4, 3),
@@ -108,7 +108,7 @@ def whole_vehicle(course: Course, now: float, n: int) -> list[bytes]:
 
 
 def twin_of_another_time(course: Course, now: float, n: int) -> list[bytes]:
-    """A vehicle with the ids of ours and in our mode, that has not been on for as long."""
+    """Return messages of a vehicle with our vehicle's ids and mode, but another time since boot."""
     mode = course.pilot.session.adapter.guided_mode
     said = (
         mavlink.MAVLink_heartbeat_message(KIND[course.profile], 3, 0x81, mode, 4, 3),
@@ -118,14 +118,14 @@ def twin_of_another_time(course: Course, now: float, n: int) -> list[bytes]:
 
 
 def guided(course: Course, now: float, n: int, *, version_1: bool = False) -> list[bytes]:
-    """The vehicle's heartbeat, in our mode."""
+    """Return the vehicle's heartbeat, in our mode."""
     mode = course.pilot.session.adapter.guided_mode
     beat = mavlink.MAVLink_heartbeat_message(KIND[course.profile], 3, 0x81, mode, 4, 3)
     return [bytes(beat.pack(mavlink.MAVLink(None, *VEHICLE), force_mavlink1=version_1))]
 
 
 def listening_twin(course: Course, now: float, n: int) -> list[bytes]:
-    """The vehicle's heartbeat, and the time since boot that the vehicle has."""
+    """Return the vehicle's heartbeat and its correct time since boot."""
     time = mavlink.MAVLink_system_time_message(0, round(1000 * now))
     return [write(time, *VEHICLE, n & 255), *guided(course, now, n)]
 
@@ -135,7 +135,7 @@ def flood(datagram: bytes) -> Say:
 
 
 def by(say: Say, rate: float, *, until: float | None = None) -> Callable[[Course, int], None]:
-    """Somebody at an address of his own; until: s, after which he is silent."""
+    """Return an arrangement that adds an attacker with its own address. until: s after which it is silent."""
 
     def arrange(course: Course, seed: int) -> None:
         began = course.now
@@ -151,8 +151,8 @@ def by(say: Say, rate: float, *, until: float | None = None) -> Callable[[Course
 
 
 def while_mode_is_unknown(say: Say) -> Callable[[Course, int], None]:
-    """A stranger sends while the heartbeats of the vehicle are lost for 2.3 s; all else of it arrives. CURRENT_MODE is
-    the first report of its mode that arrives afterwards."""
+    """An attacker sends while the vehicle's heartbeats are lost for 2.3 s; its other messages arrive. CURRENT_MODE is
+    the first report of the vehicle's mode after that."""
 
     def arrange(course: Course, seed: int) -> None:
         since = course.now + 2.0
@@ -170,7 +170,7 @@ def while_mode_is_unknown(say: Say) -> Callable[[Course, int], None]:
 
 
 def forged_address(say: Say, rate: float) -> Callable[[Course, int], None]:
-    """Somebody who forges the trusted address itself."""
+    """Return an arrangement that adds an attacker who forges the trusted address."""
 
     def arrange(course: Course, seed: int) -> None:
         course.link.intruders.append(periodic(rate, lambda n: say(course, course.now, n)))
@@ -184,18 +184,18 @@ def attack(name: str, arrange: Callable[[Course, int], None], reported: str, **m
 
 
 def first(name: str, say: Say, reported: str) -> Scenario:
-    """Six seconds before the vehicle, and until the flight would have begun for long."""
+    """Return an attack that begins 6 s before the vehicle is received and lasts for PATIENCE."""
     return attack(name, by(say, 10.0), reported, down=Impairment(outages=((0.0, 6.0),)), **HELD_BACK)
 
 
 def waits(course: Course, until: float = PATIENCE) -> str | None:
-    """Until the attack is over."""
+    """Return a fault if setpoints were sent before the attack ended."""
     early = [time for time in course.steered_at if time < until]
     return f"{len(early)} setpoints while it was not sure who the vehicle is" if early else None
 
 
 HELD_BACK: dict[str, Any] = {**FRESH, "lasts": PATIENCE, "want": Want.SAFE, "check": waits}
-"""What becomes of an attack that begins before the flight: the vehicle is not engaged while it lasts."""
+"""Options of an attack that begins before the flight: the vehicle must not be engaged during the attack."""
 
 
 AFTER_SILENCE: dict[str, Any] = {
@@ -204,11 +204,12 @@ AFTER_SILENCE: dict[str, Any] = {
     "lasts": 25.0,
     "after": 35.0,
 }
-"""The vehicle is not received for 20 s."""
+"""Options of an attack after the vehicle was not received for 20 s."""
 
 
 def taken_for_it(course: Course, seed: int) -> None:
-    """What docs/safety.md admits without a key: the stranger is taken for the vehicle, and the display shows both."""
+    """A limit documented in docs/safety.md: without a key the attacker is accepted as the vehicle. The display shows
+    both."""
     course.forgeable = True
     by(lambda course, now, n: listening_twin(course, now, n) + ranges(1.3, 0.1)(course, now, n), 10.0)(course, seed)
 
@@ -217,7 +218,8 @@ IS_REJECTED = "the vehicle has a second sender: 1/1 at sim is rejected, 1/1 at 1
 
 
 def said_again_after_a_restart(course: Course, seed: int) -> None:
-    """Vehicle and radio are recorded for 20 s. We start again, both are silent, and a stranger sends the record."""
+    """Vehicle and radio are recorded for 20 s. Then circnav restarts, both are silent, and an attacker replays the
+    record."""
     record: list[bytes] = []
     course.link.tampers.append(lambda way, data, now: (record.append(data) if way == DOWN else None, [(way, data)])[1])
     course.fly(course.now + 20.0)
@@ -235,7 +237,8 @@ def said_again_after_a_restart(course: Course, seed: int) -> None:
 
 
 def second_circnav(*overrides: str) -> Callable[[Course, int], None]:
-    """Another circnav on the same vehicle. A hub passes everything of the vehicle to both, and nothing between them."""
+    """Return an arrangement with another circnav on the same vehicle. A hub forwards the vehicle's frames to both. The
+    two do not receive each other."""
 
     def arrange(course: Course, seed: int) -> None:
         mission = load_mission(CONFIG / f"{course.profile}.toml", (*PATIENT, f'guidance.law="{LAW}"', *overrides))
@@ -258,13 +261,13 @@ def second_circnav(*overrides: str) -> Callable[[Course, int], None]:
 
 
 def to_loiter(course: Course, seed: int) -> None:
-    """Anybody may change the mode of a vehicle that has no key: an operator does no other."""
+    """Any sender may change the mode of a vehicle without a key, exactly as an operator does."""
     mode = mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, OTHER_MODE[course.profile], 0, 0, 0, 0, 0)
     course.link.intruders.append(periodic(1.0, lambda n: [write(mode, 255, 190, n & 255)], direction=UP))
 
 
 def no_raw_text(course: Course) -> str | None:
-    """What the vehicle said is fit for a terminal."""
+    """Return a fault unless all texts of the vehicle are safe to print on a terminal."""
     said = course.pilot.session.texts
     return None if said and all(map(str.isprintable, said)) else f"texts: {list(said)!r}"
 
@@ -380,7 +383,7 @@ HEAD = "| attack | setpoints | shown to the operator | result |\n|---|---|---|--
 
 
 def row(verdict: Verdict) -> str:
-    """An attack as a line of the table."""
+    """Return the line of the table for an attack."""
     scenario = verdict.scenario
     if verdict.outcome:
         did = f"end: {verdict.outcome}"

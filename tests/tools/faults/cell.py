@@ -1,4 +1,4 @@
-"""A cell of the matrix: one fault at one level on one vehicle; how it is flown and what counts as passed."""
+"""A cell of the matrix: one fault at one level on one vehicle; its flight and its pass criteria."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -14,20 +14,20 @@ from circnav_mav.runtime.status import StatusSource
 from tests.tools.faults.course import BAND, Course, Keys, on_the_circle
 
 LAW = "smooth"
-"""The law of the quick set: the cheapest to compute."""
+"""Law of the quick set, because it is the cheapest to compute."""
 REGAIN_WITHIN = {"px4_copter": 60.0}
-"""Time to regain the circle, s, 30 if not said here, besides the straight way back to it from where the autopilot's own
-timeout has put the vehicle: a plane loiters round the point where GUIDED was entered. One turn of the PX4 copter takes
-63 s."""
+"""Time to regain the circle, s, by profile; 30 s for the others. The straight way back to the circle is added, because
+the autopilot's own timeout may have moved the vehicle: a plane loiters round the point where it entered GUIDED. One lap
+of the PX4 copter takes 63 s."""
 FRESH_PATIENCE = 150.0
 LAST = 10.0
-"""Time at the end, s, whose sense of rotation counts: a mirror circle has the right radius."""
+"""Time at the end in which the sense of rotation is checked, s: a mirrored circle has the correct radius."""
 LEAVE_WITHIN = 13.0
-"""Time, s, in which the exit action must show, or we fall silent without it."""
+"""Time limit for the exit action to take effect, or for the setpoints to end without it, s."""
 
 
 class Want(Enum):
-    """What a vehicle shall do about a fault; the rules for setpoints hold in any case."""
+    """Required reaction of a vehicle to a fault. The rules for setpoints always apply."""
 
     HOLD = "holds the circle"
     REGAIN = "regains the circle"
@@ -41,12 +41,12 @@ class Want(Enum):
 class Scenario:
     """One fault at one level.
 
-    up, down: what is wrong with the line. arrange: what else goes wrong, at the start of the fault; its own `random`
-    comes from the seed. lasts, after: time with the fault, and watched after it, s. reason: words that the outcome
-    must hold. rejects: reasons that must be counted. blind: age of ranges, s, that nobody can tell. clocks: whether
-    stamps are tampered with, so that they tell no age. fresh: from the start of the mission, not from the circle.
-    on: other wants by profile. keys: to sign with, ours and the vehicle's. reported: words that the operator must be
-    shown while the fault lasts.
+    up, down: impairments of the link. arrange: other faults, applied at the start; receives the seed. lasts, after:
+    time with the fault and time after it, s. reason: required text of the outcome. rejects: rejection reasons
+    that must be counted. blind: part of the range age that cannot be measured, s. clocks: True if timestamps are
+    changed, so that they give no age. fresh: True if the fault begins with the mission, not on the circle. on:
+    exceptions from `want`, by profile. keys: signing keys, ours and the vehicle's. reported: text that the operator
+    must be shown during the fault.
     """
 
     fault: str
@@ -73,12 +73,12 @@ class Scenario:
 
 
 FRESH: dict[str, Any] = {"fresh": True, "lasts": FRESH_PATIENCE, "after": 0.0}
-"""Of a scenario that is about how a flight begins."""
+"""Options of a scenario about the start of a flight."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What came of a cell."""
+    """Result of a cell."""
 
     scenario: Scenario
     profile: str
@@ -147,14 +147,14 @@ def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
 
 
 class Told:
-    """What the operator is shown: alarms, what is waited for, and how it ended."""
+    """Texts shown to the operator: alarms, waiting conditions and texts of the vehicle."""
 
     def __init__(self, course: Course) -> None:
         self._watch, self._next = StatusSource(course.pilot, Onlookers()), course.now
         self.lines: dict[str, None] = {}
 
     def look(self, course: Course) -> None:
-        """Twice a second, and at the end."""
+        """Collect the texts at 2 Hz and at the end."""
         if course.ticks and (course.now >= self._next or course.pilot.done):
             self._next = course.now + 0.5
             status = self._watch.status(course.ticks[-1], course.now)
@@ -173,7 +173,7 @@ def _begin(course: Course, scenario: Scenario, seed: int) -> None:
 
 
 def _finish(course: Course) -> None:
-    """The fault is over; what is under way still arrives."""
+    """End the fault. Frames under way still arrive."""
     course.link.impair()
     course.link.tampers.clear()
     course.link.intruders.clear()
@@ -181,7 +181,7 @@ def _finish(course: Course) -> None:
 
 
 def _part(course: Course) -> None:
-    """Every cell that still flies ends with a stall and then with a signal, and must do right by both."""
+    """End the flight of a cell that is still flying: a stall of 1 s, then a signal. The rules apply to both."""
     if course.pilot.done:
         return
     course.stall(1.0)
@@ -193,12 +193,12 @@ def _part(course: Course) -> None:
 
 
 def _shifted(impairment: Impairment, by: float) -> Impairment:
-    """Outages counted from the start of the fault."""
+    """Return the impairment with its outages relative to the start of the fault."""
     return replace(impairment, outages=tuple((since + by, until + by) for since, until in impairment.outages))
 
 
 def _recovery(course: Course, end: float) -> float | None:
-    """Time after the fault until the radius error stays within the band; None when it does not."""
+    """Time from the end of the fault until the radius error stays within the band, s; None if it does not."""
     late = course.errors(end, inf)
     outside = [time for time, error in late if abs(error) > BAND]
     if not late or (outside and outside[-1] >= late[-1][0] - 1.0):

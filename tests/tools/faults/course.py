@@ -1,4 +1,4 @@
-"""A flight in lockstep over a broken link, watched: every setpoint that leaves is read and judged here."""
+"""A lockstep flight over a faulty link. Every sent setpoint is parsed and judged here."""
 
 import copy
 import tempfile
@@ -28,21 +28,21 @@ from tests.tools.faults.judge import GUIDED, Allowed, Witness, broken_rule, is_h
 
 PATIENT = ("limits.hold_s=70.0", "limits.duration_s=100000.0")
 BAND = 0.05
-"""Radius error, of the radius, within which the circle counts as held."""
+"""Largest radius error on a held circle, as a share of the radius."""
 SETTLED, STEADY, LATEST = 110.0, 30.0, 400.0
 SOURCE, STRANGER = "sim", ("10.9.9.9", 6666)
 TRUTH_EVERY = 0.1
 PX4_PATIENCE = {"px4_copter": 1.0, "px4_plane": 0.5, "px4_plane_attitude": 1.0}
-"""COM_OF_LOSS_T of OFFBOARD, COM_RC_LOSS_T of the sticks, s."""
+"""Setpoint timeouts of PX4, s: COM_OF_LOSS_T in OFFBOARD, COM_RC_LOSS_T for sticks."""
 
 Arrival = tuple[bytes, str, Hashable]
-"""A datagram, the link that it comes on, and its sender's address."""
+"""Datagram, name of its link, and address of its sender."""
 Keys = tuple[bytes | None, bytes | None]
-"""The signing keys of the application and of the vehicle."""
+"""Signing keys of the application and of the vehicle."""
 
 
 class SampleRecorder:
-    """Stands before the estimator and notes what is taken in: each sample once, none older than the last."""
+    """Wraps the estimator and records the accepted samples: each one once, none older than the last."""
 
     def __init__(self, estimator: Any) -> None:
         self._estimator = estimator
@@ -70,7 +70,7 @@ class SampleRecorder:
 
 
 class Course:
-    """A pilot and a vehicle with a fault link between them, and what was seen."""
+    """A pilot and a vehicle with a fault link between them, and the record of the flight."""
 
     def __init__(
         self, profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False, keys: Keys = (None, None)
@@ -93,9 +93,9 @@ class Course:
         self.witness = Witness(profile, keys[0])
         self.source = SOURCE
         self.strangers: list[Intruder] = []
-        """Those who speak to the application from an address of their own, and before the vehicle does."""
+        """Attackers that send to the application from another address, before the vehicle's frames in each step."""
         self.forgeable = False
-        """True where the stranger may be taken for the vehicle, as docs/safety.md admits."""
+        """True if the attacker may be accepted as the vehicle, a limit documented in docs/safety.md."""
         self.way_home = 0.0
         self._drift: float | None = None
         self.clock: Callable[[float], float] = float
@@ -103,7 +103,7 @@ class Course:
         self.forget()
 
     def _start_pilot(self) -> None:
-        """Start the application, also again: the timestamp of its key is kept."""
+        """Start or restart the application. The timestamp of its key is kept."""
         before, self.signing = self.signing, None if self._key is None else Signing(self._key)
         if before is not None and self.signing is not None:
             self.signing.resume(before.timestamp)
@@ -112,7 +112,7 @@ class Course:
         self.pilot.tracker.estimator = self.spy  # type: ignore[assignment]
 
     def restart(self) -> None:
-        """The application is killed and started again at once."""
+        """Kill the application and start it again at once."""
         self._start_pilot()
         self.witness.stood_still()
 
@@ -121,7 +121,7 @@ class Course:
         return self.pilot.settings.orbit.radius
 
     def forget(self) -> None:
-        """Start the account anew."""
+        """Reset the record of the flight."""
         self.truths: list[Truth] = []
         self.ticks: list[TickRecord] = []
         self.broken: list[str] = []
@@ -132,7 +132,7 @@ class Course:
         self._next_truth = self.now
 
     def fly(self, until: float, watch: Callable[["Course"], None] | None = None) -> "Course":
-        """Run to a time, or until the pilot is done."""
+        """Run to a time, or until the pilot has finished."""
         while self.now < until and not self.pilot.done:
             tick = max(self.pilot.scheduler.due - (self.clock(self.now) - self.now), self.now)
             self._step(min(self.vehicle.next_event, tick, self.link.next_due, until))
@@ -141,8 +141,8 @@ class Course:
         return self
 
     def stall(self, seconds: float, *, lost: bool = False) -> None:
-        """The application does not run for some time; what came in waits in its socket, or is lost; then it runs
-        again."""
+        """Stop the application for a time, then let it continue. Frames that arrive meanwhile wait in its socket, or
+        are lost."""
         until = self.now + seconds
         waiting: list[Arrival] = []
         while self.now < until:
@@ -157,12 +157,12 @@ class Course:
             self.broken.append(f"{self.now:.2f} s: heartbeats made up for after standing still")
 
     def stood_still(self, seconds: float) -> None:
-        """From a second on, the vehicle may be in other hands."""
+        """After 1 s or more, assume that another controller may have the vehicle."""
         if seconds >= 1.0:
             self.witness.stood_still()
 
     def interrupt(self) -> None:
-        """A signal ends the flight: the very next words are the safe setpoint, where the vehicle is ours to steer."""
+        """End the flight by a signal. If the vehicle is ours to steer, the next setpoint must be the safe one."""
         pilot = self.pilot
         steering = pilot.mission.phase in STEERING and pilot.session.vehicle.in_our_mode and not self.witness.unproved
         pilot.interrupt(self.clock(self.now), "SIGTERM")
@@ -188,7 +188,7 @@ class Course:
                 self.witness.hear(data, waited=waited)
 
     def _arrivals(self) -> list[Arrival]:
-        """What reaches the application now; intruders speak to the vehicle as well."""
+        """Return the datagrams that reach the application now, and deliver the intruders' frames to the vehicle."""
         arrived: list[Arrival] = [
             (data, VEHICLE, STRANGER) for stranger in self.strangers for _, data in stranger(self.now)
         ]
@@ -218,7 +218,7 @@ class Course:
         return out
 
     def _judge(self, out: bytes, records: list[TickRecord]) -> None:
-        """Every rule that holds in every cell."""
+        """Check the rules that apply in every cell."""
         for frame in filter(is_setpoint, frames(out)):
             rule = broken_rule(frame, self.allowed)
             if rule is not None:
@@ -259,9 +259,9 @@ class Course:
         self.worst_age = max(self.worst_age, self.now - self.spy.newest.stamp)
 
     def _judge_holding(self, record: TickRecord) -> None:
-        """Without a range it is the circle's own turn rate, which depends on none: V/r_d, and in a drift that is known
-        what the circle asks for somewhere, give or take a tenth for the airspeed as measured. V: as told, and where the
-        vehicle is known to drift, as it really flies, too (PX4's copter loses 8 % of its speed in the turn)."""
+        """Check the turn rate without ranges: V/r_d, or, if the drift is estimated, a turn rate that occurs on the
+        circle in this drift. The tolerance of 0.1 V/r_d covers the airspeed error. V: the configured speed, and with an
+        estimated drift also the actual one (PX4's copter loses 8 % of its speed in the turn)."""
         V, drift, slack = self.allowed.speed, 0.0, 1e-6
         slow = fast = V
         if self._drift is not None:
@@ -281,8 +281,8 @@ class Course:
 
     @property
     def timed_out(self) -> bool:
-        """Whether PX4 left our mode by itself, because no setpoint had reached it for so long; that ends the mission
-        like a takeover."""
+        """True if PX4 left our mode because it received no setpoint for its timeout. This ends the mission like a
+        takeover."""
         patience = PX4_PATIENCE.get(self.profile)
         left = next((truth.time for truth in self.truths if truth.mode != GUIDED[self.profile]), None)
         if patience is None or left is None:
@@ -291,13 +291,13 @@ class Course:
         return max(b - a for a, b in pairwise([left - 5, *received, left])) > patience - TRUTH_EVERY
 
     def errors(self, since: float, until: float) -> list[tuple[float, float]]:
-        """(time, radius error as a fraction of the radius) between two times."""
+        """Return (time, radius error as a share of the radius) between two times."""
         return [
             (truth.time, true_radius(truth) / self.radius - 1) for truth in self.truths if since <= truth.time <= until
         ]
 
     def goes_round_as_wanted(self, seconds: float) -> bool:
-        """Whether the track of the last seconds goes round the target in the mission's sense."""
+        """True if the track of the last seconds goes round the target in the mission's sense."""
         turns = clockwise_turns([truth for truth in self.truths if truth.time >= self.now - seconds])
         return turns > 0 if self.pilot.settings.orbit.direction is Direction.CLOCKWISE else turns < 0
 
@@ -306,7 +306,7 @@ class Course:
 def settled(
     profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False, keys: Keys = (None, None)
 ) -> Course:
-    """A flight that has found its circle over a good link and kept to it for a while; copy it before use."""
+    """Return a flight that has held its circle over a good link for a while. Copy it before use."""
     course = Course(profile, overrides, stream=stream, keys=keys).fly(SETTLED)
     while max(abs(error) for _, error in course.errors(course.now - STEADY, course.now)) > BAND / 2:
         course.fly(course.now + STEADY)
@@ -319,7 +319,7 @@ def settled(
 def on_the_circle(
     profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False, keys: Keys = (None, None)
 ) -> Course:
-    """A flight of one's own that has found its circle."""
+    """Return a copy of the flight that has settled on its circle."""
     return copy.deepcopy(settled(profile, overrides, stream=stream, keys=keys))
 
 

@@ -1,6 +1,7 @@
-"""python -m tests.tools.faults.files [--files N] [--seed S]: damaged tables of campaigns and run folders.
+"""python -m tests.tools.faults.files [--files N] [--seed S]: damaged campaign tables and run folders.
 
-Mission files are spoiled by tests/mission/test_load.py."""
+Damaged mission files: tests/mission/test_load.py.
+"""
 
 import argparse
 import sys
@@ -33,7 +34,7 @@ LOGS = ("flight.tlog", "steps.csv", "ticks.csv")
 
 
 def spoilt_bytes(data: bytes, chance: Random) -> bytes:
-    """A log that was cut off, with flipped, lost and foreign bytes."""
+    """Return a log cut off at a random point, with flipped, lost and foreign bytes."""
     spoilt = bytearray(data[: chance.randrange(len(data) + 1)] if chance.random() < 0.3 else data)
     for _ in range(chance.randint(0, 6)):
         at = chance.randrange(len(spoilt) + 1)
@@ -42,7 +43,7 @@ def spoilt_bytes(data: bytes, chance: Random) -> bytes:
 
 
 def read_run(folder: Path, files: dict[str, bytes]) -> None:
-    """Everything that is read of a run folder, and its tlog for itself. Raises RunError and Refused only."""
+    """Read everything of a run folder, and its tlog separately. Raises RunError and Refused only."""
     for name, data in files.items():
         (folder / name).write_bytes(data)
     tlog_frames(files["flight.tlog"])
@@ -54,7 +55,7 @@ def read_run(folder: Path, files: dict[str, bytes]) -> None:
 
 
 def read_campaign(folder: Path, table: bytes) -> None:
-    """Everything that is done with the table of a campaign that is resumed. Raises CampaignError only."""
+    """Read a campaign table as a resumed campaign does. Raises CampaignError only."""
     campaign, out = load_campaign(folder / "good.toml"), folder / "out"
     (out / TABLE).write_bytes(table)
     store = Store(out, campaign, resume=True)
@@ -64,7 +65,7 @@ def read_campaign(folder: Path, table: bytes) -> None:
 
 
 def good_campaign(folder: Path) -> bytes:
-    """The table of a short campaign, to damage; the folder holds what it was flown with."""
+    """Return the table of a short campaign, to damage. The folder gets its files."""
     mission = CONFIG / "campaign_mission.toml"
     text = CAMPAIGN.read_text(encoding="utf-8").replace('"../campaign_mission.toml"', f'"{mission}"')
     (folder / "good.toml").write_text(text.replace("runs = 750", "runs = 4"), encoding="utf-8")
@@ -76,7 +77,7 @@ def good_campaign(folder: Path) -> bytes:
 
 
 def good_run(folder: Path) -> dict[str, bytes]:
-    """The files of a short flight, to damage."""
+    """Return the files of a short flight, to damage."""
     flight = recorded_flight(folder, "arducopter", 'guidance.law="smooth"').fly(3.0)
     assert flight.recorder is not None
     flight.recorder.close()
@@ -84,7 +85,7 @@ def good_run(folder: Path) -> dict[str, bytes]:
 
 
 def assault_files(count: int, seed: int) -> list[str]:
-    """What escaped from the readers that should not have."""
+    """Return the unexpected exceptions of the readers."""
     chance, escaped = Random(seed), list[str]()
     with tempfile.TemporaryDirectory() as folder:
         good = good_run(Path(folder))

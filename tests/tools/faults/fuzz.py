@@ -2,8 +2,8 @@
 
 hostile bytes for an engaged pilot.
 
-Between the hostile frames a good vehicle keeps talking, so that the pilot flies. Nothing may escape from `receive` or
-`step`, no setpoint may leave that is not finite and within the limits, and memory must not grow.
+Between the hostile frames a good vehicle keeps sending, so that the pilot flies. `receive` and `step` must not raise,
+every setpoint must be finite and within the limits, and memory must not grow.
 """
 
 import argparse
@@ -29,24 +29,25 @@ from tests.tools.faults.judge import Allowed, broken_rule, is_setpoint
 RANGING_IDS = {"distance_sensor": 132, "named_value_float": 251, "ranging_beacon": 513}
 IDS = sorted(HANDLED | set(RANGING_IDS.values()) | {22})
 PROFILES = {"arducopter": (3, 2, 4), "arduplane": (3, 1, 15), "px4_copter": (12, 2, 6 << 16), "px4_plane": (12, 1, 0)}
-"""Autopilot, vehicle type and guided mode of each vehicle's heartbeat; 0: as its adapter says."""
+"""Autopilot, vehicle type and guided mode of each vehicle's heartbeat; 0: the adapter's mode."""
 STATE = (0, 2, 30)
-"""Empty ones of these would be a takeover or a reboot, again and again: those come from `valid`."""
+"""Messages without an all-zero frame in the corpus: it would repeatedly signal a takeover or a reboot. `valid` sends
+these messages."""
 FRAME_TIME = 0.002
 GOOD_EVERY = 25
 ODD = tuple(map(bytes.fromhex, ["00", "ff", "7f800000", "0000c07f", "0000807f", "000080ff", "ffff"]))
-"""Zeros and ones, and a float's infinities and what is none, in either order of its bytes."""
+"""Bytes 0 and 255, and the infinities and NaN of a float in both byte orders."""
 VEHICLE_IDS, RADIO_IDS, OUR_IDS = (1, 1), (1, 192), (1, 191)
 WARM_UP = 20_000
 PATIENCE = 20
 FRESH = 500
-"""Frames after which the corpus is recorded anew: old boot times would look like a reboot."""
+"""Frames after which the corpus is recorded again: old boot times would look like a reboot."""
 
 Hostile = Callable[[Random, list[bytes]], bytes]
 
 
 class Target:
-    """A pilot that is kept flying by a good vehicle made of a few frames."""
+    """A pilot that a good vehicle of a few frames keeps flying."""
 
     def __init__(self, profile: str, ranging: str) -> None:
         self.profile, self.ranging = profile, ranging
@@ -63,7 +64,7 @@ class Target:
         self.start()
 
     def start(self) -> None:
-        """A new pilot, brought onto its circle."""
+        """Start a new pilot and bring it onto its circle."""
         self.pilot = Pilot(self.settings)
         self._idle = 0
         for _ in range(200):
@@ -73,13 +74,13 @@ class Target:
         self.counts["pilots"] += 1
 
     def good(self) -> list[bytes]:
-        """What the good vehicle says now."""
+        """Send the frames of the good vehicle and return them."""
         autopilot, kind, mode = PROFILES[self.profile]
         ms = int(self.now * 1000) & 0xFFFFFFFF
         adapter = self.pilot.session.adapter
         mode = adapter.guided_mode or mode
         self._idle = 0 if self.pilot.mission.phase is Phase.ENGAGED else self._idle + 1
-        if self._idle % PATIENCE in (PATIENCE - 2, PATIENCE - 1):  # the operator takes it and gives it back
+        if self._idle % PATIENCE in (PATIENCE - 2, PATIENCE - 1):  # the operator takes over and hands back
             mode = adapter.exits["loiter"]
         said = [
             write(mavlink.MAVLink_heartbeat_message(kind, autopilot, 129, mode, 4, 3), *VEHICLE_IDS),
@@ -94,7 +95,7 @@ class Target:
         return [*said, measured]
 
     def hear(self, data: bytes) -> None:
-        """One hostile datagram."""
+        """Deliver one hostile datagram."""
         self.now += FRAME_TIME
         self.pilot.receive(data, self.now, "sim")
         if self.settings.ranging_apart:
@@ -102,7 +103,7 @@ class Target:
         self.pilot.take_frames()
 
     def step(self) -> None:
-        """One step of the pilot, its output judged."""
+        """Run one step of the pilot and judge its output."""
         began = time.perf_counter()
         out = output(self.pilot, self.now)
         self.slowest = max(self.slowest, time.perf_counter() - began)
@@ -134,7 +135,7 @@ class Target:
 
 
 def mutated(chance: Random, corpus: list[bytes]) -> bytes:
-    """A good frame with flipped, lost, doubled or foreign bytes; now and then two of them spliced."""
+    """Return a good frame with flipped, lost, doubled or foreign bytes, or two frames spliced."""
     data = bytearray(chance.choice(corpus))
     for _ in range(chance.randint(1, 4)):
         kind, at = chance.randrange(6), chance.randrange(len(data) or 1)
@@ -156,7 +157,8 @@ def mutated(chance: Random, corpus: list[bytes]) -> bytes:
 
 
 def valid(chance: Random, corpus: list[bytes]) -> bytes:
-    """A frame with a right CRC and any payload, of a message that is handled, in the vehicle's or anybody's name."""
+    """Return a frame with correct CRC and random payload, of a handled message, in the vehicle's or another sender's
+    name."""
     number = chance.choice(IDS)
     size = mavlink.mavlink_map[number].unpacker.size
     length = size if chance.random() < 0.7 else chance.randrange(256)
@@ -168,12 +170,12 @@ def valid(chance: Random, corpus: list[bytes]) -> bytes:
         _plausible(number, payload, chance)
     ids = chance.choice((VEHICLE_IDS, VEHICLE_IDS, RADIO_IDS, OUR_IDS, (chance.randrange(256), chance.randrange(256))))
     if ids == OUR_IDS and chance.random() < 0.98:
-        ids = VEHICLE_IDS  # a twin ends the flight at once
+        ids = VEHICLE_IDS  # a second pilot with our ids ends the flight at once
     return raw_frame(number, bytes(payload[:255]), *ids, chance.randrange(256))
 
 
 def _plausible(number: int, payload: bytearray, chance: Random) -> None:
-    """Filters of the mission that a random payload would never pass: name, beacon, orientation."""
+    """Set the fields that the mission filters, which a random payload would never match: name, beacon, orientation."""
     if number == 251:
         payload[8:18] = b"RANGE".ljust(10, b"\0")
     elif number == 132:
@@ -182,7 +184,7 @@ def _plausible(number: int, payload: bytearray, chance: Random) -> None:
 
 
 def flood(frames_wanted: int) -> Iterator[bytes]:
-    """Unknown ids, new names and new systems in turn."""
+    """Yield unknown ids, new names and new systems in turn."""
     for n in range(frames_wanted):
         kind = n % 3
         if kind == 0:
@@ -194,7 +196,7 @@ def flood(frames_wanted: int) -> Iterator[bytes]:
 
 
 def targets() -> list[Target]:
-    """Vehicles and ranging messages, each pair a pilot."""
+    """Return pilots for pairs of vehicle and ranging message."""
     pairs = (
         ("arducopter", "distance_sensor"),
         ("arduplane", "named_value_float"),
@@ -215,13 +217,13 @@ def assault(target: Target, source: Iterator[bytes]) -> None:
 
 
 def corpus_of(target: Target) -> list[bytes]:
-    """Good frames to mutate: the vehicle's, and zero frames of everything that is handled."""
+    """Return good frames to mutate: the vehicle's, and an all-zero frame of each handled message."""
     empty = [raw_frame(n, bytes(mavlink.mavlink_map[n].unpacker.size), *VEHICLE_IDS) for n in IDS if n not in STATE]
     return [*target.good(), *empty]
 
 
 def hostile(target: Target, make: Hostile, chance: Random, wanted: int) -> Iterator[bytes]:
-    """So many hostile datagrams, made from what the good vehicle says these days."""
+    """Yield a number of hostile datagrams, made from the current frames of the good vehicle."""
     for n in range(wanted):
         if n % FRESH == 0:
             corpus = corpus_of(target)
@@ -235,7 +237,7 @@ def resident_mb() -> float:
 
 
 def run(what: str, count: int, seed: int) -> tuple[list[str], str]:
-    """One kind of assault on every target: what was broken, and a line to print."""
+    """Run one kind of attack on every target. Return the broken rules and a line to print."""
     chance, hunted = Random(seed), targets()
     makers: dict[str, Hostile] = {"mutated": mutated, "valid": valid}
     share = count // len(hunted)

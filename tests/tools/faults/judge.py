@@ -1,5 +1,5 @@
-"""Reads the setpoints that leave, from their bytes alone, and says which limit one of them breaks; and reads what the
-application is given, with pymavlink alone, and tells when the vehicle is not ours to steer."""
+"""Independent judge. It parses sent setpoints from their bytes and names the limit that one exceeds. From the received
+frames, with pymavlink alone, it determines when the vehicle is not ours to steer."""
 
 from dataclasses import dataclass
 from hashlib import sha256
@@ -18,7 +18,7 @@ SLACK = 1e-4
 
 @dataclass(frozen=True)
 class Allowed:
-    """What the mission allows. Rates in rad/s, speeds in m/s, angles in rad."""
+    """Limits of the mission: rates in rad/s, speeds in m/s, angles in rad."""
 
     yaw_rate: float
     speed: float
@@ -42,7 +42,7 @@ def is_heartbeat(frame: bytes) -> bool:
 
 
 def is_safe(frame: bytes) -> bool:
-    """Whether a setpoint asks for no turn: stand still, or wings level. A height may be held meanwhile."""
+    """True if a setpoint commands no turn: no motion, or wings level. It may hold a height."""
     message = read(frame)
     if message.get_msgId() == 84:
         return bool(message.vx == 0 and message.vy == 0 and message.yaw_rate == 0)
@@ -52,7 +52,7 @@ def is_safe(frame: bytes) -> bool:
 
 
 def broken_rule(frame: bytes, allowed: Allowed) -> str | None:
-    """What is wrong with a setpoint, None when nothing is."""
+    """Return the rule that a setpoint breaks, or None."""
     message = read(frame)
     numbers = [getattr(message, name) for name in message.get_fieldnames()]
     flat = [one for value in numbers for one in (value if isinstance(value, list | tuple) else [value])]
@@ -63,7 +63,7 @@ def broken_rule(frame: bytes, allowed: Allowed) -> str | None:
 
 
 def _demands(message: Any, allowed: Allowed) -> dict[str, tuple[float, float]]:
-    """What is demanded, and the most of it."""
+    """Return each commanded value with its limit."""
     if message.get_msgId() == 84:
         return {
             "yaw rate": (message.yaw_rate, allowed.yaw_rate),
@@ -97,17 +97,17 @@ GUIDED = {
     "px4_plane": 2 << 16,
     "px4_plane_attitude": 6 << 16,
 }
-"""HEARTBEAT.custom_mode in which setpoints are obeyed: autopilots.md; PX4's main mode in the third byte."""
+"""HEARTBEAT.custom_mode in which setpoints are obeyed (autopilots.md), with PX4's main mode in the third byte."""
 VEHICLE = (1, 1)
 ARMED = 128
 
 
 class Witness:
-    """taken: the vehicle was seen in the guided mode and then out of it. unproved: nothing was heard of it since we
-    stood still."""
+    """Independent record of who controls the vehicle. taken: it left the guided mode. unproved: no heartbeat was
+    received since the application stood still."""
 
     def __init__(self, profile: str, key: bytes | None = None) -> None:
-        """key: where the vehicle signs; what is not signed with it was not said by the vehicle."""
+        """key: of a signing vehicle; frames not signed with it are ignored."""
         self._key, self._newest = key, 0
         self._guided = GUIDED[profile]
         self._parser = mavlink.MAVLink(None)
@@ -116,11 +116,11 @@ class Witness:
         self.taken = self.unproved = False
 
     def stood_still(self) -> None:
-        """The application has not run for a while; what waited for it proves nothing."""
+        """The application did not run for a while. Frames that waited in its socket do not prove the present mode."""
         self.unproved = True
 
     def hear(self, data: bytes, *, waited: bool = False) -> None:
-        """A datagram that the application is given; `waited`: during a stall."""
+        """Process a datagram given to the application; `waited`: it arrived during a stall."""
         if self._key is not None and not self._signed_now(data):
             return
         for message in self._parser.parse_buffer(data) or ():
@@ -134,7 +134,7 @@ class Witness:
                 self._note(message.custom_mode)
 
     def _signed_now(self, data: bytes) -> bool:
-        """Whether a frame is truly signed, and not one of earlier."""
+        """True if a frame has a valid signature and a newer timestamp than all before."""
         stamp = int.from_bytes(data[-12:-6], "little")
         if sha256((self._key or b"") + data[:-6]).digest()[:6] != data[-6:] or stamp <= self._newest:
             return False

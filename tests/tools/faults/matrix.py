@@ -1,7 +1,7 @@
 """python -m tests.tools.faults.matrix [--quick] [--profile P] [--fault F] [--level TEXT] [--seed N]: the fault matrix.
 
-Every fault at every level over the emulated vehicles, in lockstep; prints a line for each cell, and last (--out: into
-a file) the table of docs/faults.md, a line for each fault. A cell flown alone with its seed flies the same flight.
+Flies every fault at every level on the emulated vehicles, in lockstep. Prints a line for each cell and then the table
+of docs/faults.md, a line for each fault (--out: into a file). A cell flown alone with its seed repeats the same flight.
 """
 
 import argparse
@@ -61,7 +61,7 @@ BY_FAULT = (
 
 
 def cells(*, quick: bool, profile: str | None, fault: str | None, level: str | None) -> Iterator[tuple[Scenario, str]]:
-    """What is to be flown."""
+    """Return the cells to fly."""
     for scenario in SCENARIOS:
         if (quick and not scenario.quick) or fault not in (None, scenario.fault) or (level or "") not in scenario.level:
             continue
@@ -71,7 +71,7 @@ def cells(*, quick: bool, profile: str | None, fault: str | None, level: str | N
 
 
 def row(verdict: Verdict) -> str:
-    """A cell as a line of the table."""
+    """Return the line of the table for a cell."""
     rejects = ", ".join(f"{count} {name}" for name, count in sorted(verdict.rejects.items())) or "none"
     result = "pass" if verdict.passed else f"**FAIL** {'; '.join(verdict.faults)}"
     return (
@@ -82,7 +82,8 @@ def row(verdict: Verdict) -> str:
 
 
 def by_fault(verdicts: Iterable[Verdict]) -> str:
-    """A line for each fault: what the vehicles did about it, the worst figures of all its cells, and who passed."""
+    """Return a line for each fault: the vehicles' reactions, the worst figures of all its cells, and the vehicles that
+    passed."""
     flown: dict[str, list[Verdict]] = {}
     for verdict in verdicts:
         flown.setdefault(verdict.scenario.fault, []).append(verdict)

@@ -1,8 +1,8 @@
 """python -m tests.tools.faults.soak [--hours 10] [--law smooth] [--profile arducopter]: a long flight of `circnav fly`.
 
-The command as it is installed, in a process of its own, with the bundled vehicle in lockstep. The 32-bit milliseconds
-since boot of the autopilot and those of the ranging radio wrap on the way. Prints one line for each hour: the circle by
-the simulator's truth, the gaps between setpoints, and the memory of the process.
+The installed command in a separate process, with the bundled vehicle in lockstep. The 32-bit milliseconds since boot of
+the autopilot and of the ranging radio wrap during the flight. Prints one line for each hour: the circle by the
+simulator's truth, the gaps between setpoints, and the memory of the process.
 """
 
 import argparse
@@ -25,16 +25,17 @@ from circnav_mav.runlog.tlog import message_id, read_tlog
 from tests.process import ROOT, UNDRAWN
 
 WRAP = 2**32 / 1000
-"""Time, s, after which 32 bits of milliseconds begin anew: 49.7 days."""
+"""Time after which a 32-bit millisecond counter wraps, s: 49.7 days."""
 HOUR, SETTLING = 3600.0, 150.0
 LOOK_EVERY = 0.2
-"""Wall time, s, between two readings of the memory of the process."""
+"""Wall time between two readings of the process memory, s."""
 Memory = list[tuple[float, float]]
 """Time of the flight, s, and resident memory, MB."""
 
 
 def command(folder: Path, profile: str, law: str, seconds: float) -> tuple[str, ...]:
-    """Arguments of the flight. The autopilot's clock wraps at a third of the flight, the radio's at two thirds."""
+    """Return the command of the flight. The autopilot's clock wraps at a third of the flight, the radio's at two
+    thirds."""
     changes = (
         f'guidance.law="{law}"',
         "sim.truth.rate_hz=1",
@@ -46,7 +47,7 @@ def command(folder: Path, profile: str, law: str, seconds: float) -> tuple[str, 
 
 
 def flown(folder: Path, profile: str, law: str, seconds: float) -> Iterator[tuple[float, float]]:
-    """Flight time, s, and resident memory, MB, again and again while a flight is flown into a folder."""
+    """Yield flight time, s, and resident memory, MB, at intervals while a flight is flown into a folder."""
     arguments = [sys.executable, "-c", UNDRAWN, *command(folder, profile, law, seconds)]
     ticks = folder / "ticks.csv"
     with (folder.parent / "screen").open("w") as screen:
@@ -54,7 +55,7 @@ def flown(folder: Path, profile: str, law: str, seconds: float) -> Iterator[tupl
         try:
             while process.poll() is None:
                 time.sleep(LOOK_EVERY)
-                with suppress(OSError, IndexError):  # nothing is recorded yet, or the process has just ended
+                with suppress(OSError, IndexError):  # no record yet, or the process has just ended
                     with ticks.open("rb") as file:
                         file.seek(max(ticks.stat().st_size - 2000, 0))
                         whole = file.read().split(b"\n")[1:-1]
@@ -65,7 +66,7 @@ def flown(folder: Path, profile: str, law: str, seconds: float) -> Iterator[tupl
 
 
 def resident_mb(pid: int) -> float:
-    """Memory of a process that is in RAM, MB."""
+    """Return the resident memory of a process, MB."""
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
@@ -77,7 +78,7 @@ def memory_slope(memory: Memory) -> float:
 
 
 def account(truth: Truth, setpoints: np.ndarray, since: float, until: float, desired: float) -> str:
-    """The circle and the gaps between setpoints of a part of the flight."""
+    """Report the circle and the gaps between setpoints of a part of the flight."""
     seen = (truth.time >= since) & (truth.time < until)
     error, gaps = truth.radius[seen] - desired, 1000 * np.diff(setpoints[(setpoints >= since) & (setpoints < until)])
     if not len(error) or not len(gaps):
@@ -90,7 +91,7 @@ def account(truth: Truth, setpoints: np.ndarray, since: float, until: float, des
 
 
 def soak(folder: Path, profile: str, law: str, seconds: float) -> Iterator[str]:
-    """Fly, and report each hour while the flight goes on; then the circle, the recording and the end of the flight."""
+    """Fly and report each hour. At the end report the circle, the recording and the end of the flight."""
     memory: Memory = []
     for at, mb in flown(folder, profile, law, seconds):
         if memory and at // HOUR > memory[-1][0] // HOUR:

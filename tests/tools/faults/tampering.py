@@ -1,4 +1,4 @@
-"""Peers that misbehave: each function makes a tamper for a `FaultLink`, for the frames it is about."""
+"""Misbehaving peers: each function returns a tamper for a `FaultLink`, limited to certain frames."""
 
 from collections.abc import Callable, Iterable
 from itertools import count
@@ -16,11 +16,11 @@ STAMPED = {132: "time_boot_ms", 30: "time_boot_ms", 2: "time_boot_ms", 251: "tim
 WRAP = 2**32
 
 Change = Callable[[bytes, float], Iterable[bytes]]
-"""(frame, now) -> the frames that travel instead of it."""
+"""Callback(frame, now): returns the frames that replace it."""
 
 
 def on(number: int, change: Change, *, direction: str = DOWN) -> Tamper:
-    """Apply a change to the frames of one message; everything else passes."""
+    """Apply a change to the frames of one message; all other frames pass."""
 
     def tamper(way: str, data: bytes, now: float) -> Iterable[Passage]:
         if way != direction or message_id(data) != number:
@@ -31,18 +31,18 @@ def on(number: int, change: Change, *, direction: str = DOWN) -> Tamper:
 
 
 def dropping(number: int) -> Tamper:
-    """A message that never gets through."""
+    """Drop every frame of a message."""
     return on(number, lambda frame, now: ())
 
 
 def sometimes(fraction: float, seed: int, **values: float) -> Change:
-    """Some frames carry other values."""
+    """Change values in a random fraction of the frames."""
     chance = Random(seed)
     return lambda frame, now: [rewritten(frame, **values) if chance.random() < fraction else frame]
 
 
 def outliers(fraction: float, metres: tuple[float, float], seed: int) -> Change:
-    """Some ranges are off, by either sign."""
+    """Shift a fraction of the ranges, in either direction."""
     chance = Random(seed)
 
     def change(frame: bytes, now: float) -> list[bytes]:
@@ -54,29 +54,29 @@ def outliers(fraction: float, metres: tuple[float, float], seed: int) -> Change:
 
 
 def noise(sigma: float, seed: int) -> Change:
-    """More Gaussian noise on every range, m."""
+    """Add Gaussian noise to every range, m."""
     chance = Random(seed)
     return lambda frame, now: [_shifted(frame, chance.gauss(0.0, sigma))]
 
 
 def offset(metres: float) -> Change:
-    """Every range is off by the same: a reflected path."""
+    """Shift every range by the same distance, as a reflected path does."""
     return lambda frame, now: [_shifted(frame, metres)]
 
 
 def scaled(share: float, seed: int) -> Change:
-    """Multiply every range: the radio reports in another unit."""
+    """Multiply every range, as a radio with another unit does."""
     return lambda frame, now: [_set_cm(frame, round(share * read(frame).current_distance))]
 
 
 def quantised(metres: float) -> Change:
-    """Ranges in steps, m."""
+    """Round ranges to steps, m."""
     step = round(metres * 100)
     return lambda frame, now: [_set_cm(frame, step * floor(read(frame).current_distance / step + 0.5))]
 
 
 def stuck(*, new_stamps: bool) -> Change:
-    """The first range seen is repeated for ever, under its own stamp or under new ones."""
+    """Repeat the first range forever, under its own timestamp or new ones."""
     first: list[bytes] = []
 
     def change(frame: bytes, now: float) -> list[bytes]:
@@ -88,7 +88,7 @@ def stuck(*, new_stamps: bool) -> Change:
 
 
 def every(count: int) -> Change:
-    """Only one frame of so many passes."""
+    """Pass one frame out of `count`."""
     seen = [0]
 
     def change(frame: bytes, now: float) -> list[bytes]:
@@ -99,7 +99,7 @@ def every(count: int) -> Change:
 
 
 def stamps(shift: Callable[[float, float], float]) -> Change:
-    """Other stamps: `shift` gets the stamp and the link's time, both s, and answers with the new stamp, s."""
+    """Change timestamps: `shift` maps the timestamp and the link's time, both s, to the new timestamp, s."""
 
     def change(frame: bytes, now: float) -> list[bytes]:
         name = STAMPED[message_id(frame)]
@@ -122,12 +122,12 @@ def answered(number: int, result: int) -> Tamper:
 
 
 def acknowledgement(number: int, result: int, to: tuple[int, int], by: tuple[int, int] = (1, 1)) -> bytes:
-    """A COMMAND_ACK frame."""
+    """Return a COMMAND_ACK frame."""
     return write(mavlink.MAVLink_command_ack_message(number, result, 0, 0, *to), *by)
 
 
 def late(number: int, seconds: float) -> Tamper:
-    """Frames of a message come later by so much, whatever comes after them."""
+    """Delay the frames of a message, s. Later frames of other messages overtake them."""
     waiting: list[tuple[float, bytes]] = []
 
     def tamper(way: str, data: bytes, now: float) -> Iterable[Passage]:
@@ -142,7 +142,7 @@ def late(number: int, seconds: float) -> Tamper:
 
 
 def said_again(seconds: float, chosen: Callable[[str, bytes], bool] = lambda way, data: True) -> Tamper:
-    """A fifth of the chosen frames is said again so much later, as a replay attack or a looped route would."""
+    """Repeat a fifth of the chosen frames after a delay, s, as a replay attack or a looped route does."""
     received: list[tuple[float, Passage]] = []
     numbers = count()
 

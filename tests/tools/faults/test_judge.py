@@ -1,4 +1,4 @@
-"""The judge sees what must not leave: a matrix that cannot fail says nothing."""
+"""The judge detects forbidden setpoints: a matrix that cannot fail proves nothing."""
 
 from math import nan
 

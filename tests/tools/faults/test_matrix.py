@@ -1,5 +1,5 @@
-"""A part of the fault matrix: one or two levels of each fault, on copter and plane by turns. The rest:
-tests.tools.faults.matrix, of which --quick flies these on both."""
+"""A part of the fault matrix: one or two levels of each fault, alternately on copter and plane.
+tests.tools.faults.matrix flies the rest, and with --quick these levels on both."""
 
 import re
 from dataclasses import replace
@@ -23,7 +23,7 @@ QUICK = [
 
 
 def shortened(scenario: Scenario) -> Scenario:
-    """The fault for less long, and the circle watched for less long: what is regained at once need not be awaited."""
+    """Return the scenario with a shorter fault and a shorter time after it, if its criterion allows this."""
     if scenario.want is Want.HOLD:
         return replace(scenario, lasts=min(scenario.lasts, 15.0), after=5.0)
     if scenario.want is Want.ENGAGE and scenario.check is None:
@@ -40,15 +40,15 @@ def test_vehicle_survives(scenario: Scenario, profile: str) -> None:
 @pytest.mark.parametrize(
     ("fault", "level", "profile", "lasts", "after", "figure", "most"),
     [
-        # without the allowance that a law on range alone gets for the way back
+        # without the extra time that a law on range alone has for the way back
         ("F2", "60 s both", "arduplane", 60.0, 35.0, "recovery", 30.0),
-        # its gains are high; made for the vehicle's lag alone they swing, and did, to 14 % of the radius at 500 ms;
-        # with the delay known, what is left is how it sets in
+        # with its high gains, a design for the vehicle's lag alone swung by 14 % of the radius at 500 ms;
+        # with the known delay, only the onset of the fault remains
         ("F3", "500 ms, stale_s 1.5", "arducopter", 40.0, 10.0, "rms", 0.06),
     ],
 )
 def test_auto_stays_within_its_bounds(fault, level, profile, lasts, after, figure, most):
-    """The default law. recovery: s. rms: of the radius."""
+    """The default law. Figures: recovery in s, rms as a share of the radius."""
     scenario = next(one for one in SCENARIOS if (one.fault, one.level) == (fault, level))
     verdict = fly(replace(scenario, lasts=lasts, after=after), profile, seed=1, law="auto")
     assert verdict.passed, "; ".join(verdict.faults)
@@ -57,14 +57,15 @@ def test_auto_stays_within_its_bounds(fault, level, profile, lasts, after, figur
 
 @pytest.mark.parametrize("seed", [1, 6])
 def test_after_a_minute_without_uplink_the_circle_is_regained_without_a_swing(seed):
-    """These two took 46 s, and one swung by 15 % about the circle, for the minute had taught a wrong turn response."""
+    """Both seeds once took 46 s, and one swung by 15 % about the circle: during the outage a wrong turn response was
+    learned."""
     one = uplink.fly("arducopter", seed)
     assert one.passed, one
 
 
 def test_every_fault_class_that_lockstep_can_show_has_levels_with_names_of_their_own() -> None:
-    """F8 is tests.tools.faults.fuzz; F21 the signals and the process, tests/flight/test_process.py; F26 to F28 have
-    tests of their own, see docs/faults.md."""
+    """F8 is tests.tools.faults.fuzz. F21, signals and the process, is tests/flight/test_process.py. F26 to F28 have
+    separate tests, see docs/faults.md."""
     apart = {"F8", "F21", "F26", "F27", "F28"}
     assert {one.fault for one in SCENARIOS} == set(FAULTS) == {f"F{n}" for n in range(1, 30)} - apart
     names = [(one.fault, one.level) for one in SCENARIOS]

@@ -1,4 +1,4 @@
-"""The vehicle, its radio or we stand still for a while: ranges are used within a second of coming fresh again."""
+"""The vehicle, its radio or circnav pauses: ranges are used within 1 s after they are fresh again."""
 
 from itertools import pairwise
 
@@ -48,7 +48,7 @@ def test_a_sensor_clock_that_stood_still_is_named() -> None:
 
 
 def test_a_link_that_turns_slow_while_it_is_silent_is_no_clock_that_stood_still() -> None:
-    """By the true age: for 0.8 s nothing comes, and then all comes so late."""
+    """Judged by the true age: no frame arrives for 0.8 s, and then every frame is that late."""
     course = on_the_circle("arducopter", SMOOTH)
     course.link.impair(down=Impairment(delay=0.8))
     course.fly(course.now + 9.0)
@@ -59,8 +59,8 @@ def test_a_link_that_turns_slow_while_it_is_silent_is_no_clock_that_stood_still(
 
 @pytest.mark.parametrize(("lag", "most"), [(0.35, 1), (0.45, 2), (0.48, 2)])
 def test_ranges_that_come_at_an_age_near_stale_do_not_start_and_stop_the_steering(lag: float, most: int) -> None:
-    """Of a vehicle whose link has become as slow: by each range the newest is just fresh, and just before the next is
-    not."""
+    """The vehicle's link has become slow: the newest range is just fresh when it arrives, and just stale before the
+    next one."""
     rig, phases = Rig().run(15.0), list[Phase]()
     assert rig.pilot.mission.phase is Phase.ENGAGED
     rig.ranges, rig.round_trip = False, 2 * lag

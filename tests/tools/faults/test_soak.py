@@ -1,5 +1,5 @@
-"""Some minutes of the soak, with the wraps, and a small seeded share of the fuzzing. The ten hours and the million:
-python -m tests.tools.faults.soak, tests.tools.faults.fuzz."""
+"""Some minutes of the soak, with the wraps, and a small seeded share of the fuzzing. The full 10 hours and 1,000,000
+frames: python -m tests.tools.faults.soak, tests.tools.faults.fuzz."""
 
 from pathlib import Path
 
@@ -19,7 +19,8 @@ ATTITUDE, RANGE = 30, 132
 
 
 def test_circle_is_held_through_the_wrap_of_the_49_days_counters(tmp_path: Path) -> None:
-    """The autopilot's wraps at 70 s, the radio's at 80 s; neither is a reboot, a jump or an outage."""
+    """The autopilot's counter wraps at 70 s, the radio's at 80 s. Neither may count as a reboot, a jump or an
+    outage."""
     clocks = (f"sim.vehicle.boot_age_s={WRAP - 70}", f"sim.ranging.clock_offset_s={WRAP - 80}")
     flight = recorded_flight(tmp_path, "arducopter", 'guidance.law="auto"', *clocks)
     truths, phases = [], set()
@@ -46,7 +47,7 @@ def test_circle_is_held_through_the_wrap_of_the_49_days_counters(tmp_path: Path)
 
 
 def test_memory_of_the_installed_command_does_not_grow_with_the_flight(tmp_path: Path) -> None:
-    """In the last 150 s: 3 kB/s, as two queues of the bundled vehicle once took, would be 0.45 MB."""
+    """In the last 150 s. A growth of 3 kB/s, once seen in two queues of the bundled vehicle, would be 0.45 MB."""
     memory = [mb for at, mb in flown(tmp_path / "run", "quickstart", "auto", 300.0) if 150 < at < 300]
     assert len(memory) > 3
     assert max(memory) - memory[0] < 0.3

@@ -1,7 +1,7 @@
 """python -m tests.tools.faults.uplink [--seeds N] [--first N] [--profile P]: a minute without uplink, over seeds.
 
-The vehicle's telemetry and ranges still arrive, our commands do not. Prints for each seed how long after the outage the
-circle is regained, and how far the vehicle swings about it once it has reached it. The fault matrix flies one seed.
+The vehicle's telemetry and ranges still arrive, our commands do not. Prints for each seed the time to regain the circle
+after the outage, and the largest radius error after that. The fault matrix flies one seed.
 """
 
 import argparse
@@ -15,11 +15,13 @@ from tests.tools.faults.course import BAND, Course
 
 OUTAGE, AFTER = 60.0, 50.0
 WITHIN, MOST_SWING = 25.0, 0.1
-"""Time to regain the circle, s, and the largest radius error after it was first reached, of the radius."""
+"""Largest time to regain the circle, s, and largest radius error after it was first reached, as a share of the
+radius."""
 
 
 class Regained(NamedTuple):
-    """within: s, None: not at all. swing: of the radius. broken: rules for setpoints that were broken."""
+    """within: time to regain the circle, s; None: never. swing: share of the radius. broken: broken rules for
+    setpoints."""
 
     within: float | None
     swing: float
@@ -31,7 +33,7 @@ class Regained(NamedTuple):
 
 
 def fly(profile: str, seed: int) -> Regained:
-    """Fly one seed of a vehicle, law `auto`, until its circle is steady; then cut the uplink."""
+    """Fly one seed of a vehicle with law `auto` until its circle is steady, then cut the uplink."""
     course = Course(profile, ('guidance.law="auto"', f"sim.seed={seed}")).fly(110.0)
     start = course.now
     course.link.impair(up=Impairment(loss=1.0))

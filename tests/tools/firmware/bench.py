@@ -1,8 +1,9 @@
-"""The test bench round one simulated vehicle: relays autopilot and circnav, notes the truth, plays the operator.
+"""Test bench for one simulated vehicle: it relays between autopilot and circnav, records the truth, and acts as the
+operator.
 
-Two links to the firmware: one it shares with circnav through the relay, which sees every setpoint and hides positions;
-one of our own for the truth, the operator and the ranging radio. Truth is NED and clockwise from north. Time is the
-autopilot's own clock, in simulated seconds.
+Two links to the firmware: one for circnav through the relay, which records every setpoint and hides positions; one for
+the truth, the operator and the ranging radio. Truth is NED and clockwise from north. Time is the autopilot's own clock,
+in simulated seconds.
 """
 
 import select
@@ -33,13 +34,13 @@ def _unix_time() -> float:
 
 
 class NoFlightError(Exception):
-    """The vehicle never came up: no flight, and nothing said about circnav."""
+    """The vehicle never came up: no flight, and no result about circnav."""
 
 
 @dataclass(frozen=True)
 class Truth:
-    """The simulator's own state. Metres from where it was first seen, altitude above the sea, radians. wall: Unix time
-    of its receipt, s, which several vehicles share."""
+    """State of the simulator: m from its first position, altitude above the sea, angles in rad. wall: Unix time of its
+    receipt, s, common to several vehicles."""
 
     time: float
     north: float
@@ -56,7 +57,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class Reported:
-    """Where the autopilot itself says that it is, by its own stamp: m north and east as the truth counts, m/s, rad."""
+    """Position reported by the autopilot, with its own timestamp: m north and east in the truth's frame, m/s, rad."""
 
     time: float
     north: float
@@ -67,7 +68,8 @@ class Reported:
 
 
 class Firmware(Protocol):
-    """ArduPilot or PX4: what differs between them, and how both tell a place. earth: radius of its sphere, m."""
+    """Differences between ArduPilot and PX4, and the conversion of positions that both use. earth: radius of the
+    sphere, m."""
 
     earth: float
     guided: int
@@ -88,17 +90,17 @@ class Firmware(Protocol):
     def circle(self, bench: "Bench", north: float, east: float) -> tuple[float, float]: ...
 
     def circling(self, bench: "Bench") -> None:
-        """What its own circle needs again and again: nothing, unless said otherwise."""
+        """Send repeated inputs that the autopilot's own circle requires. None by default."""
         return
 
     def metres(self, latitude: int, longitude: int) -> tuple[float, float]:
-        """North and east of where it was first seen, of degrees times 1e7."""
+        """Return north and east of the first position, m, from degrees times 1e7."""
         self._origin = self._origin or (latitude, longitude)
         north = radians((latitude - self._origin[0]) * 1e-7) * self.earth
         return north, radians((longitude - self._origin[1]) * 1e-7) * self.earth * cos(radians(self._origin[0] * 1e-7))
 
     def degrees_e7(self, north: float, east: float) -> tuple[int, int]:
-        """The inverse of `metres`."""
+        """Return the inverse of `metres`."""
         assert self._origin is not None
         latitude, longitude = self._origin[0] * 1e-7, self._origin[1] * 1e-7
         at = latitude + degrees(north / self.earth), longitude + degrees(east / (self.earth * cos(radians(latitude))))
@@ -106,12 +108,12 @@ class Firmware(Protocol):
 
 
 def note(*words: object) -> None:
-    """Progress, beside the result."""
+    """Print progress to stderr, apart from the result."""
     print(*words, file=sys.stderr, flush=True)
 
 
 class Bench:
-    """One vehicle, from power-up to the end of the process."""
+    """One vehicle, from power-up to the end of its process."""
 
     def __init__(self, flight: Flight, firmware: Firmware, folder: Path, app_port: int) -> None:
         self.flight, self.firmware, self.app_port, self.folder = flight, firmware, app_port, folder
@@ -143,7 +145,7 @@ class Bench:
 
     @property
     def now(self) -> float:
-        """Simulated seconds, carried on between the autopilot's words by our own clock."""
+        """Simulated time, s, extrapolated by our own clock between the autopilot's messages."""
         return self._boot + min((time.monotonic() - self._boot_at) * self.speedup, 0.2)
 
     @property
@@ -155,14 +157,14 @@ class Bench:
         return "HEARTBEAT" in self.latest
 
     def send(self, message: Any, by: mavlink.MAVLink | None = None) -> None:
-        """To the vehicle, from the operator or another."""
+        """Send a message to the vehicle, by default from the operator."""
         by = by or self._operator
         if self._own_peer:
             self._own.sendto(message.pack(by), self._own_peer)
             by.seq = (by.seq + 1) % 256
 
     def pump(self, wait: float = 0.005) -> None:
-        """Take what has come, wait for more if nothing has."""
+        """Process received datagrams, or wait for the first."""
         if time.monotonic() - self._beat_at > 1.0 / max(1.0, self.speedup):
             self._beat_at = time.monotonic()
             self.send(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3))
@@ -247,7 +249,7 @@ class Bench:
 
     # ---- the operator
     def until(self, condition: Callable[[], object], seconds: float, what: str) -> None:
-        """Wait for it, in simulated time."""
+        """Wait for a condition, up to a simulated time, s."""
         began, wall = self.now, time.monotonic()
         while self.now - began < seconds and time.monotonic() - wall < BRING_UP_PATIENCE:
             self.pump()
@@ -260,7 +262,7 @@ class Bench:
         self.until(lambda: self.now - began >= seconds, seconds + 5, "time stands still")
 
     def command(self, number: int, *values: float, tries: int = 5) -> int | None:
-        """Its result; None where nobody answers."""
+        """Return the result of a command; None without an answer."""
         values = (*values, *[0.0] * (7 - len(values)))
         system = self.firmware.system
         for attempt in range(tries):
@@ -270,7 +272,7 @@ class Bench:
         return None
 
     def command_at(self, number: int, frame: int, values: tuple[float, ...], x: int, y: int, z: float) -> int | None:
-        """A command with a place."""
+        """Send a command with a position and return its result, or None."""
         system = self.firmware.system
         return self._answer(
             number, mavlink.MAVLink_command_int_message(system, 1, frame, number, 0, 0, *values, x, y, z)
@@ -288,7 +290,7 @@ class Bench:
         return None
 
     def set_parameter(self, name: str, value: float, kind: int = mavlink.MAV_PARAM_TYPE_REAL32) -> None:
-        """Until it is confirmed."""
+        """Set a parameter and wait for the confirmation."""
         for _ in range(8):
             self._params.pop(name, None)
             self.send_parameter(name, value, kind)
@@ -300,12 +302,12 @@ class Bench:
         raise NoFlightError(f"parameter {name} was not confirmed")
 
     def send_parameter(self, name: str, value: float, kind: int = mavlink.MAV_PARAM_TYPE_REAL32) -> None:
-        """Without waiting: in flight the radio must go on."""
+        """Send a parameter without waiting, because in flight the radio must continue."""
         self.send(mavlink.MAVLink_param_set_message(self.firmware.system, 1, name.encode(), float(value), kind))
 
     def ask_streams(self, wanted: Mapping[int, float], truth: str, least: float) -> None:
-        """Messages and their Hz, until attitude and truth come that often in two seconds: an autopilot that still boots
-        refuses silently."""
+        """Request messages at these rates, Hz, until attitude and truth arrive often enough within 2 s. An autopilot
+        that is still booting refuses without an answer."""
         for _ in range(20):
             for number, hertz in wanted.items():
                 self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / hertz, tries=1)
@@ -316,7 +318,7 @@ class Bench:
         raise NoFlightError(f"no {truth}")
 
     def set_mode(self, mode: int) -> None:
-        """Ask for a mode until the heartbeat shows it."""
+        """Request a mode until the heartbeat reports it."""
         for _ in range(20):
             self.firmware.ask_mode(self, mode)
             began = self.now
@@ -327,7 +329,7 @@ class Bench:
         raise NoFlightError(f"mode {mode} was refused")
 
     def close(self) -> None:
-        """End circnav, then the vehicle."""
+        """Stop circnav, then the vehicle."""
         for process in (self.app, self._process):
             if process is not None and process.poll() is None:
                 process.send_signal(signal.SIGTERM)

@@ -1,18 +1,19 @@
-"""python -m tests.tools.firmware.bound: how well the circles of docs/firmware.md could be held at best.
+"""python -m tests.tools.firmware.bound: lower bounds of the radius error for the flights of docs/firmware.md.
 
-**Linear guidance** (`best`). PX4's estimate is off, as an oscillator of .32 rad/s, and the vehicle flies by it: the
-emulator's copter, fitted to firmware, by .38 m/s across the circle, its plane by .16. Turbulence of 3 moves
-ArduPilot's plane as gusts of 2.4 m/s that last 3 s. Only the range shows either: .5 m of noise (.15: UWB), at 10 Hz.
-The best linear answer (a Kalman filter and the gains of a quadratic cost, LQG) is given plant, delay and disturbance
-as they are, which no guidance knows. Printed for several costs of turning: RMS of the radius, and standard deviation
-of the turn command. Last in each line the same filter with circnav's gains for that delay, which keep 6 dB and 45 deg
-of margin (tests/guidance/test_margins.py).
+**Linear guidance** (`best`). The velocity error of PX4's estimate is an oscillator of 0.32 rad/s, and the vehicle
+follows the estimate. Across the circle it is 0.38 m/s for the emulator's copter, fitted to firmware, and 0.16 m/s for
+its plane. Turbulence of 3 moves ArduPilot's plane as gusts of 2.4 m/s that last 3 s. Only the range measures either:
+0.5 m of noise (0.15 m: UWB), at 10 Hz. The best linear answer (a Kalman filter and the gains of a quadratic cost, LQG)
+uses the true plant, delay and disturbance, which no guidance has. Printed for several costs of turning: RMS of the
+radius, and standard deviation of the turn command. Last in each line the same filter with circnav's gains for that
+delay, which keep 6 dB and 45 deg of margin (tests/guidance/test_margins.py).
 
-**LoRa-like ranges** (`told`): how well they tell the radius of ArduPilot's plane over the last two of 150 s on the
-circle. The Cramer-Rao bound with place, steady wind and airspeed scale unknown, for errors of the own motion, which
-make the drift wander.
+**LoRa-like ranges** (`told`): radius error of ArduPilot's plane over the last two laps of 150 s on the circle. It is
+the Cramer-Rao bound with unknown place, steady wind and airspeed scale. Errors of the vehicle's own motion make the
+drift wander.
 
-**A bank limit** (`squeezed`): the truest lap of a plane in wind that turns no faster than its limit.
+**A bank limit** (`squeezed`): the lap with the least radius error, for a plane in wind that turns no faster than its
+limit.
 """
 
 from itertools import product
@@ -27,21 +28,20 @@ from tests.tools.firmware.flight import PRESETS, VEHICLES
 
 STEP = 0.1
 FREQUENCY, DAMPING = 0.32, 0.45
-"""Of the oscillator: rad/s; share of the critical."""
+"""Oscillator: frequency, rad/s, and damping ratio."""
 LASTS = 3.0
-"""How long a gust lasts, s."""
+"""Duration of a gust, s."""
 CASES = {"PX4 copter": (5.0, 0.38, False), "PX4 plane": (10.0, 0.16, False), "Plane, turbulence 3": (22.0, 2.4, True)}
-"""Speed, rms of the disturbance across the circle, m/s, and whether it is a gust."""
+"""Speed, m/s; RMS of the disturbance across the circle, m/s; True for a gust."""
 COSTS = 1000.0, 300.0, 100.0, 30.0, 10.0, 3.0
-"""Of (rad/s)^2 of turn command, in m^2."""
+"""Cost of the squared turn command, m^2 per (rad/s)^2."""
 
 
 def best(cost: float | None, *, noise: float, delay: float, case: str = "PX4 copter") -> tuple[float, float]:
-    """RMS of the radius, m, and standard deviation of the turn command, deg/s, of ranges with this noise (m) and a
-    vehicle that turns this much later (s) than it is told. case: one of CASES. cost: of turning; None: with circnav's
-    gains."""
+    """Return RMS of the radius, m, and standard deviation of the turn command, deg/s. noise: of the ranges, m. delay:
+    of the vehicle's turn behind the command, s. case: one of CASES. cost: of turning; None: with circnav's gains."""
     speed, across, gust = CASES[case]
-    # radius error, course off the tangent, disturbance (m/s) and its change; then the commands under way
+    # radius error, course off the tangent, disturbance (m/s) and its rate; then the pending commands
     motion = np.zeros((5, 5))
     motion[0, 1:3] = speed, 1.0
     motion[1, 4] = 1.0
@@ -63,14 +63,14 @@ def best(cost: float | None, *, noise: float, delay: float, case: str = "PX4 cop
     if cost is None:
         gains = drift_gains(speed, delay, 1 / delay)
         heading, radial = float(gains.heading), float(gains.radial)
-        # the course asked for is -radial e - disturbance/speed, and its change is fed forward; what is under way counts
+        # commanded course: -radial e - disturbance/speed, with its rate fed forward; pending commands count as flown
         L = np.zeros((1, n))
         L[0, :3] = heading * radial, heading + radial * speed, heading / speed + radial
         L[0, 4:] = (heading + radial * speed) * STEP
     else:
         W: NDArray[np.float64] = solve_discrete_are(F, G, C, np.array([[cost]]))
         L = np.linalg.solve(G.T @ W @ G + cost, G.T @ W @ F)
-    # truth and prediction together; the command goes by the estimate after the range
+    # truth and prediction together; the command uses the estimate after the range
     after = np.hstack([K @ H, np.eye(n) - K @ H])
     both = np.vstack([np.hstack([F, 0 * F]) - G @ L @ after, (F - G @ L) @ after])
     by_noise = np.vstack([-G @ L @ K, (F - G @ L) @ K])
@@ -82,8 +82,8 @@ def best(cost: float | None, *, noise: float, delay: float, case: str = "PX4 cop
 
 
 def told(wander: float) -> float:
-    """RMS, m, of the radius that LoRa-like ranges tell on the plane's circle, where the drift wanders with this power
-    density, m^2/s^3."""
+    """Return the RMS error of the radius estimated from LoRa-like ranges on the plane's circle, m. wander: power
+    density of the drift's random walk, m^2/s^3."""
     V, r_d, radio = VEHICLES["plane"].speed, VEHICLES["plane"].radius, PRESETS["lora"]
     drifting, variance = radio["drift"], radio["noise"] ** 2 / (1 - radio["loss"])
     keep, lap = np.exp(-STEP / radio["drift_s"]), 2 * np.pi * r_d / V
@@ -105,9 +105,9 @@ def told(wander: float) -> float:
 
 
 def squeezed(limit: float, *, speed: float = 23.4, wind: float = 5.0, radius: float = 150.0) -> float:
-    """RMS of the radius, m, of the truest lap at this true airspeed in this wind (m/s) that turns no faster than limit
-    (rad/s), linear in the radius error: a least-distance problem (Lawson and Hanson, ch. 23). The defaults are
-    ArduPlane's, as flown: 22 m/s indicated are 23.4."""
+    """Return the least RMS of the radius, m, on a lap at a true airspeed in a wind, m/s, with turn rates up to a limit,
+    rad/s. It is linear in the radius error: a least-distance problem (Lawson and Hanson, ch. 23). The defaults are
+    ArduPlane's, as flown: 22 m/s indicated are 23.4 m/s true."""
     n = 180
     angle = 2 * np.pi * np.arange(n) / n
     nose = np.sqrt(speed**2 - (wind * np.sin(angle)) ** 2)
@@ -117,7 +117,7 @@ def squeezed(limit: float, *, speed: float = 23.4, wind: float = 5.0, radius: fl
     step = 2 * np.pi / n
     bend = one + (np.roll(one, 1, 1) - 2 * one + np.roll(one, -1, 1)) / step**2
     slope = (np.roll(one, 1, 1) - np.roll(one, -1, 1)) / (2 * step)
-    # a course that is not the circle's meets the wind at another angle
+    # a course off the tangent meets the wind at another angle
     G, h = (turn[:, None] * bend + np.gradient(turn, step)[:, None] * slope) / radius, turn - limit  # G e >= h
     E, f = np.vstack([G.T, h]), np.eye(n + 1)[-1]
     rest = E @ nnls(E, f, maxiter=20000)[0] - f

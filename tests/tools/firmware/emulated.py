@@ -1,7 +1,8 @@
 """python -m tests.tools.firmware.emulated --results DIR/results.jsonl [--seeds N]: the emulator beside the firmware.
 
-The rows of docs/firmware.md flown on the bundled vehicle in lockstep; median RMS radius error and standard deviation of
-the turn command over the last two laps, and how they compare with flights kept by tests.tools.firmware.table.
+Flies the rows of docs/firmware.md on the bundled vehicle in lockstep. Prints median RMS radius error and standard
+deviation of the turn command over the last two laps, and their ratio to the flights stored by
+tests.tools.firmware.table.
 """
 
 import argparse
@@ -19,11 +20,11 @@ from tests.tools.firmware.flight import VEHICLES
 from tests.tools.firmware.table import told
 
 APPROACH = 90.0
-"""Time before the laps that are judged, s."""
+"""Time before the judged laps, s."""
 WIND = "sim.wind.speed_mps={}".format
 GUST = "sim.wind.gust_rms_mps={}".format
-"""ArduPilot's turbulence is nearly white: it moves a plane like gusts of 3 s and .7 of its strength (by radius and
-command), a copter, which is held against it, like gusts of .4 of it (by the spread of the ground speed)."""
+"""ArduPilot's turbulence is nearly white. It moves a plane like gusts of 3 s and 0.7 of its strength (by radius and
+command). It moves a copter, which holds against it, like gusts of 0.4 of it (by the spread of the ground speed)."""
 TARGET = "sim.target.velocity_north_mps={}".format
 GPS_OFF = 'sim.events=[{at_s=60.0, action="gps_off"}]'
 UWB = 'sim.ranging.preset="uwb"', "sim.ranging.rate_hz=20", "ranging.rate_hz=20", "ranging.sigma_m=0.15"
@@ -59,8 +60,8 @@ CIRCLES = {one.mission: (one.radius, one.speed) for one in VEHICLES.values()}
 
 @dataclass(frozen=True)
 class Flown:
-    """rms, worst: of the radius error, m. turn_sd: deg/s. at_limit: share of the commands that the limit cut. right:
-    True if the vehicle went round as desired."""
+    """rms, worst: of the radius error, m. turn_sd: deg/s. at_limit: share of saturated commands. right: True if the
+    vehicle flew in the desired sense of rotation."""
 
     rms: float
     worst: float
@@ -72,7 +73,7 @@ class Flown:
 def fly(
     row: str, seed: int, direction: str = "clockwise", count: int = 2, rows: Mapping[str, tuple[str, ...]] = ROWS
 ) -> Flown:
-    """One flight of the emulator, of which so many laps are judged."""
+    """Fly the emulator once and judge the last `count` laps."""
     mission, *changes = rows[row]
     radius, speed = CIRCLES[mission]
     laps = count * 2 * pi * radius / speed

@@ -38,7 +38,7 @@ EVEN_DEG, LASTS = 5.0, 20.0
 STEP = 0.2
 """Interval at which the tracks are compared, s."""
 NEAR_ABOVE, NEAR_BESIDE = 10.0, 25.0
-"""Two vehicles are too near each other within both distances, vertical and horizontal, m."""
+"""Two vehicles are too close if both distances, vertical and horizontal, are smaller, m."""
 BRING_UP = 120.0
 """Longest expected time from the start of a simulator to engaging, s."""
 KINDS = ("plane", "copter", "rover")
@@ -142,8 +142,8 @@ def _states(run: Path) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def gap_errors(grid: Array, members: list[Member]) -> Array:
-    """Return the largest gap error at each time, deg of a lap in time; nan for fewer than two on the circle, and where
-    a track ends too early."""
+    """Return the largest gap error at each time, deg of a lap in time; nan with fewer than two vehicles on the circle,
+    and at the end of a track."""
     found = np.full(len(grid), np.nan)
     for k in range(len(grid)):
         ring = [one for one in members if one.ring[k]]
@@ -159,7 +159,7 @@ def gap_errors(grid: Array, members: list[Member]) -> Array:
 
 
 def _time_to(grid: Array, here: Member, ahead: Member, k: int) -> float:
-    """Return the time until a vehicle is at the present bearing of the one ahead, s."""
+    """Return the time until a vehicle reaches the present bearing of the vehicle ahead, s."""
     goal = here.angle[k] + (ahead.angle[k] - here.angle[k]) % (2 * pi)
     later = np.flatnonzero(here.angle[k + 1 :] >= goal)
     if not len(later):

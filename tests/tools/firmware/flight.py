@@ -1,4 +1,4 @@
-"""One flight as data: which vehicle, which weather, which radio; and its options on the command line."""
+"""Data of one flight (vehicle, weather, radio), and its options on the command line."""
 
 import argparse
 import sys
@@ -13,7 +13,7 @@ BEHIND_ARDUPILOT, BEHIND_PX4 = "ardupilot", "px4"
 
 @dataclass(frozen=True)
 class Vehicle:
-    """What is flown, and how unless the options say otherwise. SI; altitude above home, duration from engaging."""
+    """Default conditions of a vehicle, in SI units; altitude above home, duration from engaging."""
 
     firmware: str
     kind: str
@@ -41,13 +41,13 @@ PRESETS = {
 
 
 def _option(default: object, told: str = "", **how: object) -> Any:
-    """A field with its default and how it is said on the command line."""
+    """Return a field with its default and its help text on the command line."""
     return field(default=default, metadata={"help": told, **how})
 
 
 @dataclass(frozen=True)
 class Flight:
-    """Metres, seconds, m/s; angles in degrees as the operator gives them. A field is an option of the command line."""
+    """Conditions of one flight, each an option on the command line: m, s, m/s; angles in degrees."""
 
     vehicle: str
     radius: float
@@ -61,7 +61,7 @@ class Flight:
     handback: bool = _option(False, "handback.enabled, and positions shown: with --gps-off")
     home_s: float = _option(0.0, "exit action rtl, and T s more on the way home", metavar="T")
     home_away: float = _option(0.0, "home is so far north of the take-off (ArduPilot)", metavar="M")
-    # weather and what goes wrong
+    # weather and faults
     wind: float = _option(0.0, "m/s")
     wind_from: float = _option(270.0, "degrees")
     turbulence: float = _option(0.0, "m/s, standard deviation (ArduPilot)")
@@ -94,7 +94,7 @@ class Flight:
     sx1280: bool = _option(False, "its error over the range, and NAMED_VALUE_FLOAT, which carries any range")
     silent_after: float | None = _option(None, "the beacon stops T s after the start of circnav", metavar="T")
     delay: float = _option(0.0, "s from measuring to sending; the stamp is that of sending")
-    # how it is run
+    # conditions of the run
     station: int = _option(0, "UDP port here of a ground station that gets a link of its own (ArduPilot)")
     speedup: float = _option(1.0, "simulated over real time; only 1 gives figures that count")
     param: tuple[str, ...] = _option((), "of the autopilot, before take-off", metavar="NAME=VALUE")
@@ -112,12 +112,12 @@ class Flight:
 
     @property
     def window(self) -> float:
-        """Time that is scored, s: the last two laps."""
+        """Scored time, s: the last two laps."""
         return 2 * 2 * pi * self.radius / self.speed
 
     @property
     def title(self) -> str:
-        """The vehicle and whatever is not as usual."""
+        """The vehicle and all options that differ from the defaults."""
         usual = {f.name: f.default for f in fields(self)}
         usual |= {name: getattr(self.what, name) for name in OF_THE_VEHICLE}
         hidden = {"vehicle", "circnav", "config"}
@@ -134,11 +134,11 @@ def _told(name: str, value: object) -> str:
 
 
 OF_THE_VEHICLE = {"radius": "m", "speed": "m/s", "altitude": "m above home", "duration": "s after engaging"}
-"""Fields that are the vehicle's own unless said otherwise."""
+"""Fields with a default of each vehicle."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """What a flight can be told."""
+    """Add the options of a flight."""
     parser.add_argument("vehicle", choices=VEHICLES)
     for name, told in OF_THE_VEHICLE.items():
         parser.add_argument(f"--{name}", type=float, help=told)
@@ -155,7 +155,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def flight(options: argparse.Namespace) -> Flight:
-    """The flight that the options name; a preset overrules single options of the radio."""
+    """Return the flight of the options. A preset overrides single options of the radio."""
     given = {f.name: getattr(options, f.name) for f in fields(Flight)}
     for name in OF_THE_VEHICLE:
         given[name] = getattr(VEHICLES[options.vehicle], name) if given[name] is None else given[name]
@@ -164,5 +164,5 @@ def flight(options: argparse.Namespace) -> Flight:
 
 
 def circle_rate(flight: Flight) -> float:
-    """Of the nose on the circle, deg/s, clockwise positive."""
+    """Return the turn rate of the nose on the circle, deg/s, positive clockwise."""
     return degrees(flight.speed / flight.radius) * (1 if flight.clockwise else -1)

@@ -3,8 +3,8 @@
 one flight of the installed circnav on real firmware in simulation.
 
 Prints one line, judged by the simulator's true track, and leaves a run folder: result.json, truth.csv, setpoints.csv,
-mission.toml, circnav/ (its own run folder), circnav.log, firmware.log. Nothing here is shared with circnav, not even a
-sign. Exit code 0: flown and judged, kept or not; 3: the vehicle never came up, or circnav never engaged.
+mission.toml, circnav/ (its own run folder), circnav.log, firmware.log. This tool shares no code and no sign convention
+with circnav. Exit code 0: flown and judged, kept or not; 3: the vehicle never came up, or circnav never engaged.
 """
 
 import argparse
@@ -38,16 +38,16 @@ from tests.tools.firmware.wire import LOOPBACK, G
 from tests.tools.straight_way import straight_way
 
 ENGAGE_PATIENCE = 90.0
-"""Time, s, in which circnav must have engaged."""
+"""Time limit for circnav to engage, s."""
 LEAVE_PATIENCE = 30.0
 HOME = 150.0
 """Distance from the beacon, m, that counts as home."""
 SLOWEST = 2.0
-"""Real over simulated time at which a flight is given up, whatever its clock says."""
+"""Real over simulated time: a flight slower than this is given up."""
 
 
 def missing(flown: Flight) -> str:
-    """Why it cannot be flown here; empty if it can."""
+    """Return the reason why the flight cannot run here; empty if it can."""
     if not flown.baseline and not Path(flown.circnav).is_file():
         return f"no circnav at {flown.circnav}: install the package, or name one with --circnav"
     if flown.what.firmware == BEHIND_ARDUPILOT:
@@ -56,7 +56,7 @@ def missing(flown: Flight) -> str:
 
 
 def fly(flown: Flight, folder: Path) -> dict[str, Any]:
-    """Fly it; what came of it, also as result.json in the folder."""
+    """Fly, and return the result, which is also written to result.json in the folder."""
     folder.mkdir(parents=True, exist_ok=True)
     with reserved_port() as app_port, reserved_port() as other_port:
         ardupilot = flown.what.firmware == BEHIND_ARDUPILOT
@@ -114,7 +114,7 @@ def _flown(flown: Flight, bench: Bench, folder: Path) -> dict[str, Any]:
 
 
 def _start_circnav(flown: Flight, bench: Bench, folder: Path, home: float) -> float:
-    """Start it on a mission for this flight; the turn limit of that, rad/s."""
+    """Start circnav on a mission for this flight. Return the mission's turn limit, rad/s."""
     mission = write_mission(flown, folder / "mission.toml", bench.app_port, home + flown.target_height)
     command = [flown.circnav, "fly", str(folder / "mission.toml"), "--out", str(folder / "circnav"),
                *[word for one in flown.set for word in ("--set", one)]]  # fmt: skip
@@ -130,8 +130,8 @@ def _start_circnav(flown: Flight, bench: Bench, folder: Path, home: float) -> fl
 
 
 def write_mission(flown: Flight, path: Path, port: int, target_altitude: float) -> dict[str, Any]:
-    """The vehicle's mission file as an operator would fill it in, who knows how high the beacon stands (m above sea
-    level, to a tenth)."""
+    """Write the vehicle's mission file as an operator would fill it in. The operator has the height of the beacon, m
+    above sea level, to 0.1 m."""
     mission = tomlkit.parse((Path(flown.config) / f"{flown.what.mission}.toml").read_text())
     mission.pop("sim", None)
     mission["link"]["endpoint"] = f"udpin:{LOOPBACK}:{port}"
@@ -155,7 +155,7 @@ def write_mission(flown: Flight, path: Path, port: int, target_altitude: float) 
 
 
 def _loop(flown: Flight, bench: Bench, began: float) -> None:
-    """Until circnav has ended, or has not in time."""
+    """Run until circnav has ended or the time is over."""
     taken = gps_gone = changed = False
     sticks = 0.0
     longest = flown.duration + flown.home_s + (0.0 if flown.baseline else ENGAGE_PATIENCE + LEAVE_PATIENCE)
@@ -189,7 +189,7 @@ def _in_guided(bench: Bench, began: float) -> list[float]:
 
 
 def _circled(flown: Flight, bench: Bench, began: float) -> tuple[float, float]:
-    """From the mode shown to the last setpoint in it, or to the takeover."""
+    """Return the times of the first report of the guided mode, and of the last setpoint in it or the takeover."""
     if flown.baseline:
         return began, bench.now
     entered = _in_guided(bench, began)
@@ -203,7 +203,8 @@ def _circled(flown: Flight, bench: Bench, began: float) -> tuple[float, float]:
 
 
 def _after_takeover(flown: Flight, bench: Bench, began: float) -> dict[str, Any] | None:
-    """Setpoints after the operator's command, and after the heartbeat that showed it, until it was guided again."""
+    """Count the setpoints after the operator's command, and after the heartbeat that reported the new mode, until the
+    guided mode returned."""
     if flown.takeover is None:
         return None
     asked = began + flown.takeover
@@ -221,8 +222,8 @@ def _after_takeover(flown: Flight, bench: Bench, began: float) -> dict[str, Any]
 def homing(
     flown: Flight, track: list[Truth], target: Callable[[float], tuple[float, float]], engaged: float, ended: float
 ) -> dict[str, float] | None:
-    """Of the mission `home`: times from the engagement to within HOME of the beacon, s: flown, and by the straight way
-    in this wind; and the largest distance after that, m."""
+    """Return figures of the mission `home`: flown time from the engagement to within HOME of the beacon, s; the same
+    for the straight way in this wind; and the largest distance after that, m."""
     if flown.what.mission != "home":
         return None
     way = [one for one in track if engaged <= one.time <= ended]
@@ -240,9 +241,8 @@ def homing(
 
 
 def own_position(flown: Flight, bench: Bench, began: float, ended: float) -> dict[str, Any] | None:
-    """The autopilot's own position from 10 s after the loss of its GPS on, until the circle ended and on the way home;
-    and how far from home (where it was first seen) it was nearest, and the centre of the circle is that it flies in
-    the end."""
+    """Return the error of the autopilot's own position from 10 s after the loss of its GPS, on the circle and on the
+    way home; its smallest distance from home, m; and the distance from home of the center of its last circle, m."""
     if flown.gps_off is None:
         return None
     lost = began + flown.gps_off + 10.0
@@ -264,9 +264,9 @@ def own_position(flown: Flight, bench: Bench, began: float, ended: float) -> dic
 
 
 def own_error(bench: Bench, since: float, until: float) -> dict[str, float] | None:
-    """What the autopilot reports of itself against the truth of the moment that it stamps it with: position, m; the
-    largest step of its velocity error from one report to the next, m/s (by the time of arrival a turn of 3 m/s^2 would
-    look like one of 1 m/s); heading, mean and standard deviation of the error, degrees clockwise."""
+    """Return the errors of the autopilot's reports against the truth at their timestamps: position, m; largest step of
+    the velocity error between two reports, m/s (with arrival times, a turn of 3 m/s^2 would look like a step of 1 m/s);
+    heading error, mean and standard deviation, degrees clockwise."""
     reported = [one for one in bench.reported if since < one.time < min(until, bench.track[-1].time)]
     if len(reported) < 2:
         return None
@@ -288,7 +288,8 @@ def own_error(bench: Bench, since: float, until: float) -> dict[str, float] | No
 
 
 def _off_home(track: list[Truth], away: float) -> float:
-    """Distance from home, `away` north, of the circle that fits the true track of the last 40 s, m."""
+    """Return the distance from home, `away` north, of the center of a circle fitted to the true track of the last 40 s,
+    m."""
     last = np.array([(true.north, true.east) for true in track if true.time > track[-1].time - 40.0])
     middle = last.mean(axis=0)
     at = last - middle
@@ -297,7 +298,8 @@ def _off_home(track: list[Truth], away: float) -> float:
 
 
 def own_verdict(run: Path, window: float) -> dict[str, Any]:
-    """What circnav itself says: its summary, and from its ticks the laws, the drift it believed, its turn command."""
+    """Return circnav's own figures: its summary, and from its ticks the laws, the estimated drift and the turn
+    command."""
     if not (run / "summary.json").is_file():
         return {"outcome": "no summary"}
     summary = json.loads((run / "summary.json").read_text())
@@ -320,7 +322,7 @@ def own_verdict(run: Path, window: float) -> dict[str, Any]:
 
 
 def _cpu(bench: Bench) -> float | None:
-    """Processor time of circnav, s, where the system tells it."""
+    """Return the processor time of circnav, s, if the system reports it."""
     status = Path(f"/proc/{bench.app.pid}/stat") if bench.app and bench.app.poll() is None else None
     if status is None or not status.is_file():
         return None
@@ -345,7 +347,7 @@ def _write(folder: Path, bench: Bench, radio: Radio, engaged: float) -> None:
 
 
 def line(result: dict[str, Any]) -> str:
-    """A result in one line."""
+    """Return a result as one line."""
     if "failed" in result:
         return f"{result['title']}: NOT FLOWN: {result['failed']}"
     own, settled = result["own"], result["settled"]

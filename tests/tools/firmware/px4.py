@@ -1,6 +1,6 @@
-"""PX4 SIH (its simulator in hardware's place, built in): quadrotor and airplane, from the checkout or the folder of its
-SITL build in CIRCNAV_PX4. It is an instance of its own, with the ports that its start-up script gives that one.
-"""
+"""PX4 with its built-in simulator SIH (simulation in hardware): quadrotor and airplane, from the checkout or the folder
+of its SITL build in CIRCNAV_PX4. Each vehicle is a separate instance, with the ports that PX4's start-up script
+assigns."""
 
 import os
 import socket
@@ -18,9 +18,10 @@ from tests.tools.firmware.flight import Flight
 from tests.tools.firmware.wire import LOOPBACK, bound
 
 INSTANCES = range(10)
-"""More share a port."""
+"""Instances with separate ports; more instances would share a port."""
 TO_APP, GROUND_STATION = 14540, 18570
-"""Ports of its first instance: where it sends what is for a companion, where it hears a ground station."""
+"""UDP ports of the first instance: the port that it sends companion messages to, and the port on which it receives a
+ground station."""
 ALTCTL, OFFBOARD = 2 << 16, 6 << 16
 TAKEOFF, LOITER = 4 << 16 | 2 << 24, 4 << 16 | 3 << 24
 MODEL = {"copter": "sihsim_quadx", "plane": "sihsim_airplane"}
@@ -33,7 +34,7 @@ STREAMS = {
 
 
 def missing() -> str:
-    """Why it cannot be flown here; empty if it can."""
+    """Return the reason why PX4 cannot run here; empty if it can."""
     if "CIRCNAV_PX4" not in os.environ:
         return "CIRCNAV_PX4 (a PX4 checkout with a SITL build, or the folder of one) is not set"
     return "" if _build() else f"CIRCNAV_PX4: no bin/px4 in {os.environ['CIRCNAV_PX4']}"
@@ -45,7 +46,7 @@ def _build() -> Path | None:
 
 
 class Px4(Firmware):
-    """One of its vehicles."""
+    """A PX4 quadrotor or airplane."""
 
     earth = 6371000.0
 
@@ -67,8 +68,8 @@ class Px4(Firmware):
         raise NoFlightError("no instance of PX4 is free")
 
     def start(self, folder: Path) -> subprocess.Popen[bytes]:
-        """In a folder of its own, where it keeps its parameters. Of its stock parameters only those are changed that
-        the airplane cannot fly without: as it comes, 489 m above the sea and trimmed for 15 m/s, it stalls."""
+        """Start in a separate folder, where PX4 keeps its parameters. Of the stock parameters, only those are changed
+        that the airplane requires: at the default 489 m above the sea and trimmed for 15 m/s, it stalls."""
         build = _build()
         assert build is not None
         told = {"MIS_TAKEOFF_ALT": self._flight.altitude, "SDLOG_BACKEND": 0}
@@ -90,7 +91,7 @@ class Px4(Firmware):
         )  # fmt: skip
 
     def truth(self, bench: Bench, message: Any) -> Truth | None:
-        """From HIL_STATE_QUATERNION, which carries SIH's own state."""
+        """Return the truth from HIL_STATE_QUATERNION, which has SIH's own state."""
         if message.get_type() != "HIL_STATE_QUATERNION" or not message.lat:
             return None
         north, east = self.metres(message.lat, message.lon)
@@ -100,7 +101,7 @@ class Px4(Firmware):
                      roll, yaw, air.airspeed if air else nan)  # fmt: skip
 
     def bring_up(self, bench: Bench) -> None:
-        """Into the air, in LOITER."""
+        """Take off and hold in LOITER."""
         bench.until(lambda: bench.received, 60, "no heartbeat")
         bench.ask_streams(STREAMS, "HIL_STATE_QUATERNION", 50)
         bench.until(lambda: "GLOBAL_POSITION_INT" in bench.latest, 60, "no position")
@@ -119,24 +120,25 @@ class Px4(Firmware):
         bench.rest(15)
 
     def weather(self, bench: Bench) -> None:
-        """From now on. SIH adds its wind to the velocity over ground: it names where the wind comes from."""
+        """Start the weather. SIH adds its wind to the velocity over ground, so its vector points to where the wind
+        comes from."""
         if self._flight.turbulence:
             note("  SIH has no turbulence")
         if self._flight.wind:
             self.wind(bench, self._flight.wind, self._flight.wind_from)
 
     def wind(self, bench: Bench, speed: float, from_: float) -> None:
-        """In m/s, from so many degrees."""
+        """Set the wind, m/s, from a direction in degrees."""
         bench.send_parameter("SIH_WIND_N", speed * cos(radians(from_)))
         bench.send_parameter("SIH_WIND_E", speed * sin(radians(from_)))
 
     def without_gps(self, bench: Bench) -> None:
-        """No satellite from now on. An integer travels as its bytes."""
+        """Remove all satellites. The bytes of an integer are sent in the float field."""
         (none,) = struct.unpack("<f", struct.pack("<i", 0))
         bench.send_parameter("SIM_GPS_USED", none, mavlink.MAV_PARAM_TYPE_INT32)
 
     def ask_mode(self, bench: Bench, mode: int) -> None:
-        """Once, without waiting."""
+        """Request a mode once, without waiting."""
         main, sub = mode >> 16 & 0xFF, mode >> 24
         bench.send(
             mavlink.MAVLink_command_long_message(
@@ -145,7 +147,7 @@ class Px4(Firmware):
         )
 
     def circle(self, bench: Bench, north: float, east: float) -> tuple[float, float]:
-        """Its own GPS circle round that place. Returns the centre."""
+        """Start PX4's own GPS circle round a place, m. Return its center."""
         flight, (x, y) = self._flight, self.degrees_e7(north, east)
         values = (flight.radius if flight.clockwise else -flight.radius, flight.speed, 0.0, nan)
         result = bench.command_at(

@@ -1,4 +1,4 @@
-"""The ranging radio: slant ranges to the hidden target, spoiled by a seeded error model, as DISTANCE_SENSOR."""
+"""The ranging radio: slant ranges to the hidden target with a seeded error model, sent as DISTANCE_SENSOR."""
 
 from collections import deque
 from math import cos, exp, hypot, radians, sin, sqrt
@@ -9,17 +9,17 @@ from pymavlink.dialects.v20 import all as mavlink
 from tests.tools.firmware.bench import Bench, Truth
 
 UP = 24
-"""Orientation of the sensor: nothing else of the vehicle looks there."""
+"""Orientation of the sensor. No other sensor of the vehicle has it."""
 FROM_OUTSIDE = 2.5
-"""Radii from the target where nothing else is said."""
+"""Default distance of the start from the target, radii."""
 LONGEST_CM, UNKNOWN_COVARIANCE, SENSOR_ID = 65000, 255, 7
 SX1280 = np.array([(0.0, 4.4), (50.0, 57.6), (100.0, 103.0), (150.0, 148.0), (200.0, 201.0), (250.0, 253.0)])
-"""True and reported range, m, as measured. The last line goes on beyond."""
+"""True and reported range, m, as measured. The last segment is extrapolated."""
 NAME = b"RANGE"
 
 
 class Radio:
-    """It stands on the vehicle; the target starts where the flight says, seen from the vehicle's nose, and moves."""
+    """A radio on the vehicle. The target starts at the flight's bearing from the vehicle's nose, and moves."""
 
     def __init__(self, bench: Bench, home_altitude: float) -> None:
         self._bench, self._flight = bench, bench.flight
@@ -34,16 +34,16 @@ class Radio:
         self.stand(*self._flight.target_at or (here.north + away * cos(bearing), here.east + away * sin(bearing)))
 
     def stand(self, north: float, east: float) -> None:
-        """Put the target's start there."""
+        """Set the initial position of the target, m."""
         self._north, self._east = north, east
 
     def target(self, time: float) -> tuple[float, float]:
-        """Where it is."""
+        """Return the position of the target, north and east, m."""
         way, course = self._flight.target_speed * (time - self._began), radians(self._flight.target_course)
         return self._north + way * cos(course), self._east + way * sin(course)
 
     def tick(self, truth: Truth) -> None:
-        """Measure when it is time to, and send what is due."""
+        """Measure and send the ranges that are due."""
         flight, period = self._flight, 1.0 / self._flight.rate
         if truth.time >= self._next:
             self._next = max(self._next + period, truth.time - period)
@@ -91,7 +91,7 @@ class Radio:
 
 
 def reported(true: float) -> float:
-    """What an SX1280 reports of a range, m, without noise."""
+    """Return the range that an SX1280 reports for a true range, m, without noise."""
     at = min(max(int(np.searchsorted(SX1280[:, 0], true, side="right")) - 1, 0), len(SX1280) - 2)
     (x0, y0), (x1, y1) = SX1280[at : at + 2]
     return float(y0 + (true - x0) * (y1 - y0) / (x1 - x0))

@@ -1,4 +1,4 @@
-"""Judging a flight by the simulator's true track, and its commands by what went over the wire."""
+"""Judge a flight by the simulator's true track, and its commands by the frames on the link."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -12,18 +12,18 @@ from tests.tools.firmware.flight import Flight
 from tests.tools.firmware.wire import Setpoint
 
 KEPT, SETTLED = 0.10, 0.05
-"""Radius error, of the radius: RMS below the first is a circle kept; for good below the second is settled."""
+"""Radius error as a share of the radius. A circle is kept if the RMS is below the first. It has settled if the error
+stays below the second."""
 AT_LIMIT = 0.99
 GOING_ROUND = 0.3
 
 
 @dataclass(frozen=True)
 class Score:
-    """Of the last two laps unless said otherwise. Metres, seconds; turns in deg/s, shares 0 .. 1.
+    """Figures of the last two laps unless stated otherwise: m, s; turn rates in deg/s, shares from 0 to 1.
 
-    rms, mean, sd: of the radius error. settled: since engaging; None if never. closest, led_away: nearest range of the
-    whole flight, and how much farther than at its start the range ever was. total_variation: of the command, deg/s
-    each second.
+    rms, mean, sd: of the radius error. settled: since engaging; None if never. closest: smallest range of the flight.
+    led_away: largest range less the range at the start. total_variation: of the command, deg/s per second.
     """
 
     flown: float
@@ -51,7 +51,7 @@ class Score:
     not_finite: int
 
     def plain(self) -> dict[str, Any]:
-        """For JSON, rounded."""
+        """Return the rounded figures for JSON."""
         return {key: _rounded(value) for key, value in asdict(self).items()}
 
 
@@ -66,7 +66,8 @@ def score(
     turn_limit: float,
     home: float,
 ) -> Score:
-    """engaged, ended: simulated time between which the circle was flown. turn_limit: rad/s."""
+    """Return the figures of a flight. engaged, ended: simulated times between which the circle was flown. turn_limit:
+    rad/s."""
     flown = [one for one in track if engaged <= one.time <= ended]
     time = np.array([one.time for one in flown]) - engaged
     places = np.array([target(one.time) for one in flown])
@@ -118,13 +119,13 @@ def score(
 
 
 def _settled(time: np.ndarray, outside: np.ndarray) -> float | None:
-    """When it was outside for the last time, if that was before the last third."""
+    """Return the time of the last error outside the band, s, or None if it is in the last third of the flight."""
     last = float(time[outside][-1]) if outside.any() else 0.0
     return last if last < time[-1] * 2 / 3 else None
 
 
 def _spread(values: np.ndarray) -> tuple[float, ...]:
-    """Least, mean, most of what is known."""
+    """Return minimum, mean and maximum of the finite values."""
     known = values[np.isfinite(values)]
     return (float(known.min()), float(known.mean()), float(known.max())) if len(known) else ()
 

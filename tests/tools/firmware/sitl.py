@@ -1,6 +1,6 @@
 """ArduPilot SITL: `arduplane`, `arducopter`, `ardurover` from the folder in CIRCNAV_ARDUPILOT, on loopback links.
 
-Their stock parameters come with the sources: from the checkout that the binaries lie in, or the folder in
+The stock parameters are part of the sources: in the checkout that contains the binaries, or in the folder
 CIRCNAV_ARDUPILOT_PARAMS (plane.parm, copter.parm, rover.parm).
 """
 
@@ -27,7 +27,7 @@ CIRCLE = {"copter": 7, "rover": 9}
 
 
 def missing(kind: str) -> str:
-    """Why this kind of vehicle cannot be flown here; empty if it can."""
+    """Return the reason why this kind of vehicle cannot run here; empty if it can."""
     folder = os.environ.get("CIRCNAV_ARDUPILOT", "")
     if not folder:
         return "CIRCNAV_ARDUPILOT (folder with arduplane, arducopter, ardurover) is not set"
@@ -44,7 +44,7 @@ def _parameters(kind: str) -> Path | None:
 
 
 class ArduPilot(Firmware):
-    """One of its vehicles."""
+    """An ArduPilot plane, copter or rover."""
 
     earth, system = 6378100.0, 1
 
@@ -54,7 +54,7 @@ class ArduPilot(Firmware):
         self.shared, self.own = bound(), bound()
 
     def start(self, folder: Path) -> subprocess.Popen[bytes]:
-        """In a folder of its own, where it keeps its parameters and logs."""
+        """Start in a separate folder, where ArduPilot keeps its parameters and logs."""
         binary = Path(os.environ["CIRCNAV_ARDUPILOT"]).resolve() / f"ardu{self._kind}"
         model = {"plane": "plane", "copter": "+", "rover": "rover"}[self._kind]
         shared, own = (one.getsockname()[1] for one in (self.shared, self.own))
@@ -72,7 +72,7 @@ class ArduPilot(Firmware):
         return subprocess.Popen(command, cwd=scratch, stdout=log, stderr=subprocess.STDOUT, start_new_session=True)
 
     def truth(self, bench: Bench, message: Any) -> Truth | None:
-        """From SIM_STATE."""
+        """Return the truth from SIM_STATE."""
         if message.get_type() != "SIM_STATE":
             return None
         north, east = self.metres(message.lat_int, message.lon_int)
@@ -81,7 +81,7 @@ class ArduPilot(Firmware):
                      air.airspeed if air else float("nan"))  # fmt: skip
 
     def bring_up(self, bench: Bench) -> None:
-        """Into the air, holding."""
+        """Take off and hold."""
         flight = self._flight
         bench.until(lambda: bench.received, 60, "no heartbeat")
         self._streams(bench)
@@ -136,7 +136,7 @@ class ArduPilot(Firmware):
         return here.relative_alt / 1000 if here else -1e9
 
     def _streams(self, bench: Bench) -> None:
-        """Truth at 50 Hz; plane and rover 25: their main loop runs at 50."""
+        """Request the truth at 50 Hz; for plane and rover at 25 Hz, because their main loop runs at 50 Hz."""
         often = 50 if self._kind == "copter" else 25
         wanted = {mavlink.MAVLINK_MSG_ID_ATTITUDE: often, mavlink.MAVLINK_MSG_ID_SIM_STATE: often,
                   mavlink.MAVLINK_MSG_ID_VFR_HUD: 10, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 5,
@@ -144,27 +144,28 @@ class ArduPilot(Firmware):
         bench.ask_streams(wanted, "SIM_STATE", 1.2 * often)
 
     def weather(self, bench: Bench) -> None:
-        """From now on."""
+        """Start wind and turbulence."""
         flight = self._flight
         if flight.wind or flight.turbulence:
             self.wind(bench, flight.wind, flight.wind_from)
             bench.send_parameter("SIM_WIND_TURB", flight.turbulence)
 
     def wind(self, bench: Bench, speed: float, from_: float) -> None:
-        """In m/s, from so many degrees."""
+        """Set the wind, m/s, from a direction in degrees."""
         bench.send_parameter("SIM_WIND_DIR", from_)
         bench.send_parameter("SIM_WIND_SPD", speed)
 
     def without_gps(self, bench: Bench) -> None:
-        """No reception from now on."""
+        """Disable GPS reception."""
         bench.send_parameter("SIM_GPS_DISABLE", 1)
 
     def ask_mode(self, bench: Bench, mode: int) -> None:
-        """Once, without waiting."""
+        """Request a mode once, without waiting."""
         bench.send(mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, mode, 0, 0, 0, 0, 0))
 
     def circle(self, bench: Bench, north: float, east: float) -> tuple[float, float]:
-        """Its own GPS circle: a plane's round that place, of others round where they stand. Returns the centre."""
+        """Start ArduPilot's own GPS circle: a plane's round a place, the others' at their present position. Return its
+        center."""
         flight, sign = self._flight, 1 if self._flight.clockwise else -1
         if self._kind == "plane":
             x, y = self.degrees_e7(north, east)
@@ -184,6 +185,6 @@ class ArduPilot(Firmware):
         return bench.truth.north, bench.truth.east
 
     def circling(self, bench: Bench) -> None:
-        """A copter's CIRCLE reads the throttle stick: keep it centred."""
+        """A copter's CIRCLE reads the throttle stick: keep it centered."""
         if self._kind == "copter":
             bench.send(mavlink.MAVLink_rc_channels_override_message(1, 1, 1500, 1500, 1500, 1500, *[65535] * 4))

@@ -1,8 +1,8 @@
 """python -m tests.tools.firmware.table --out DIR [--seeds N] [--jobs J] [--only TEXT]: the table of docs/firmware.md.
 
 Flies every row with every seed, J at once, and writes the table between the marks in docs/firmware.md and its flights
-into flights.jsonl beside this file. DIR keeps a line for each flight in results.jsonl and the run folders; what is
-there is not flown again. Seeds differ in noise, start and direction of rotation. A vehicle without a binary is left out
+into flights.jsonl beside this file. DIR keeps a line for each flight in results.jsonl, and the run folders. A flight in
+it is not flown again. Seeds differ in noise, start and direction of rotation. A vehicle without a binary is left out
 with the reason. Other options go to every flight (`tests.tools.firmware.fly`).
 """
 
@@ -29,16 +29,17 @@ PAGE = ROOT / "docs" / "firmware.md"
 FLIGHTS = Path(__file__).with_name("flights.jsonl")
 MARKS = "<!-- flights -->\n", "<!-- end of flights -->\n"
 STARTS = ((70, True), (-70, False), (140, True), (-10, False), (-110, True))
-"""Bearing of the target from the nose, deg, and whether clockwise; by seed."""
+"""Bearing of the target from the nose, deg, and True for clockwise; by seed."""
 OF_FLIGHT = ("vehicle", "radius", "speed", "direction", "seed", "wind", "turbulence", "start_bearing")
 LEFT_OUT = {"title", "texts", "modes", "from_app", "ranges", "hidden", "exit_code", "cpu", "own_position"}
-"""What the page's flights keep of their options, and leave out of their results."""
+"""Options stored with the page's flights, and result keys that are not stored."""
 LASTS, LASTS_PX4_COPTER = 170, 270
-"""How long a flight lasts before the operator takes it over, s."""
+"""Duration of a flight before the operator's takeover, s."""
 APART = 7.0
-"""Least time between two starts, s."""
+"""Shortest time between two starts, s."""
 LONGEST_PAUSE, SLOWEST = 0.5, 0.98
-"""A flight with a longer pause, s, or slower than real time says more about the computer than about circnav."""
+"""Longest pause, s, and smallest ratio to real time, of a valid flight. Beyond them the figures show the computer's
+load."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ HEAD = "| flight | RMS m (aim) | least to most | turn sd deg/s (aim) | settled s
 
 
 def words(row: Row, seed: int, extra: list[str]) -> list[str]:
-    """The options of a flight."""
+    """Return the options of a flight."""
     bearing, clockwise = STARTS[(seed - 1) % len(STARTS)]
     direction = "clockwise" if clockwise else "counterclockwise"
     start = ["--seed", str(seed), f"--start-bearing={bearing}", "--direction", direction]
@@ -90,13 +91,13 @@ def words(row: Row, seed: int, extra: list[str]) -> list[str]:
 
 
 def told(path: Path) -> dict[tuple[str, int], dict[str, Any]]:
-    """The flights kept so far, the newest of each."""
+    """Return the stored flights, the newest of each."""
     lines = path.read_text().splitlines() if path.is_file() else []
     return {(one["row"], one["flight"]["seed"]): one for one in map(json.loads, lines)}
 
 
 def fly_all(rows: list[Row], seeds: int, jobs: int, out: Path, extra: list[str], say: Callable[[str], None]) -> None:
-    """What is not kept yet, seed by seed, so that a broken-off table has every row."""
+    """Fly all flights that are not stored, seed by seed, so that an interrupted table has every row."""
     out.mkdir(parents=True, exist_ok=True)
     kept, lock, starting = told(out / "results.jsonl"), threading.Lock(), threading.Lock()
     wanted = [(row, seed) for seed in range(1, seeds + 1) for row in rows]
@@ -107,7 +108,7 @@ def fly_all(rows: list[Row], seeds: int, jobs: int, out: Path, extra: list[str],
         folder = out / f"{re.sub('[^a-z0-9]+', '-', row.options.replace('.', 'p'))}-{seed}"
         command = [sys.executable, "-m", "tests.tools.firmware.fly", *words(row, seed, extra), "--out", str(folder)]
         shutil.rmtree(folder, ignore_errors=True)
-        with starting:  # simulators that start together starve each other, and their vehicles engage late
+        with starting:  # simulators that start together compete for the processor, and their vehicles engage late
             time.sleep(APART)
         with (out / f"{folder.name}.log").open("w") as log:
             subprocess.run(command, cwd=ROOT, stdout=log, stderr=subprocess.STDOUT, check=False)
@@ -135,7 +136,7 @@ def table(rows: list[Row], flights: dict[tuple[str, int], dict[str, Any]]) -> It
 
 
 def _all(flights: list[dict[str, Any]]) -> str:
-    """Return the facts that hold for the flights together."""
+    """Return figures of all flights together."""
     flown = [one for one in flights if "failed" not in one]
     good = sum(one["kept"] and one["direction"] == one["flight"]["direction"] for one in flown)
     agree = sum((one["settled"] is None) == (one["own"].get("settled_s") is None) for one in flown)
@@ -171,7 +172,7 @@ def _cells(row: Row, flown: list[dict[str, Any]]) -> list[str]:
 
 
 def write(lines: Iterator[str], page: Path = PAGE) -> None:
-    """Between the marks of the page."""
+    """Write text between the marks of the page."""
     before, rest = page.read_text().split(MARKS[0])
     after = rest.split(MARKS[1])[1]
     page.write_text(before + MARKS[0] + "\n".join(["", *lines, ""]) + "\n" + MARKS[1] + after)

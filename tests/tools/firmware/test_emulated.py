@@ -1,4 +1,4 @@
-"""The emulator flies as truly as the firmware did, by the flights that are kept in flights.jsonl."""
+"""The emulator flies as accurately as the firmware in the flights stored in flights.jsonl."""
 
 from statistics import median
 
@@ -12,7 +12,7 @@ KEPT = told(FLIGHTS)
 
 @pytest.mark.parametrize("row", ["Plane, wind 8", "PX4 copter, wind 3", "PX4 plane by stick, wind 2"])
 def test_a_flight_of_the_emulator_is_as_true_as_the_firmwares(row: str) -> None:
-    """Within a factor of two, for it is one lap."""
+    """Within a factor of two, because it is only one lap."""
     real = [one for (name, _), one in KEPT.items() if name == row]
     rms, turn_sd = (median(one[key] for one in real) for key in ("rms", "turn_sd"))
     flown = fly(row, 1, direction="counterclockwise", count=1)

@@ -1,4 +1,4 @@
-"""The judge on tracks and frames made by hand; and, where there is a binary, a flight on real firmware."""
+"""The judge on tracks and frames made by hand and, if a binary is available, a flight on real firmware."""
 
 import json
 import subprocess
@@ -20,14 +20,14 @@ from tests.tools.firmware.score import score
 from tests.tools.firmware.wire import Setpoint, frames, mode_shown, setpoint
 
 SITTING = (1000.0, -500.0)
-"""Where the target is, m north and east."""
+"""Position of the target, m north and east."""
 
 
 PLANE = Flight("plane", 150.0, 22.0, 80.0, 240.0)
 
 
 def straight_in_and_round(flight: Flight, radius: float, *, clockwise: bool, seconds: float) -> list[Truth]:
-    """From 375 m north of the target straight to the circle, then round it."""
+    """Return a track from 375 m north of the target straight to the circle, then round it."""
     track, sense = [], 1 if clockwise else -1
     for tick in range(round(seconds * 25)):
         time = tick / 25
@@ -80,8 +80,9 @@ def test_a_fleet_is_even_if_its_vehicles_pass_each_bearing_at_equal_intervals(wi
 def test_the_autopilots_own_position_is_judged_on_the_circle_and_on_the_way_home_by_its_own_stamps(
     tmp_path: Path,
 ) -> None:
-    """5 m off on the circle, 50 m on the way home, where the heading is 3 deg off; once its velocity jumps by .4 m/s.
-    Its reports lie between the truths: by the nearest one of those a turn of 3.2 m/s^2 is a velocity that jumps."""
+    """5 m off on the circle; on the way home 50 m off, with a heading error of 3 deg; one velocity step of 0.4 m/s. The
+    reports fall between two truth samples: with the nearest sample, a turn of 3.2 m/s^2 would look like a velocity
+    step."""
     flight = replace(PLANE, gps_off=20.0, home_s=60.0)
     track = straight_in_and_round(PLANE, 150.0, clockwise=True, seconds=130.0)
     times, true = np.arange(20.0, 129.0, 0.21), np.array([astuple(one) for one in track])

@@ -1,4 +1,4 @@
-"""MAVLink frames on loopback sockets: cutting datagrams into frames, and what a setpoint commands."""
+"""MAVLink frames on loopback sockets: split datagrams into frames, and read the command in a setpoint."""
 
 import socket
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ G = 9.80665
 FULL_STICK_BANK = radians(50.0)
 LOOPBACK = "127.0.0.1"
 POSITIONS = frozenset({24, 32, 33, 49, 63, 104, 108, 113, 114, 115, 124, 164, 178, 182, 230, 242})
-"""Messages that tell where the vehicle is, raw or estimated, or how fast over ground: circnav shall not see them."""
+"""Messages with the vehicle's position, raw or estimated, or its ground velocity. They are hidden from circnav."""
 SETPOINTS = ("SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT",
              "MANUAL_CONTROL", "RC_CHANNELS_OVERRIDE")  # fmt: skip
 YAW_RATE_IGNORED = {"SET_ATTITUDE_TARGET": 4, "SET_POSITION_TARGET_LOCAL_NED": 2048}
@@ -21,7 +21,7 @@ YAW_RATE_IGNORED = {"SET_ATTITUDE_TARGET": 4, "SET_POSITION_TARGET_LOCAL_NED": 2
 
 @dataclass(frozen=True)
 class Setpoint:
-    """time: simulated, s. turn: commanded, rad/s, clockwise positive; None where it commands none."""
+    """time: simulated, s. turn: commanded, rad/s, positive clockwise; None if it commands none."""
 
     time: float
     kind: str
@@ -31,7 +31,7 @@ class Setpoint:
 
 
 def bound(port: int = 0) -> socket.socket:
-    """A socket of this machine only."""
+    """Return a socket bound to the loopback interface."""
     one = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     one.bind((LOOPBACK, port))
     one.setblocking(False)
@@ -39,7 +39,7 @@ def bound(port: int = 0) -> socket.socket:
 
 
 def frames(datagram: bytes) -> Iterator[tuple[int, bytes]]:
-    """Message id and bytes of every MAVLink frame in a datagram, without decoding."""
+    """Yield message id and bytes of every MAVLink frame in a datagram, without decoding."""
     at = 0
     while at + 8 <= len(datagram):
         if datagram[at] == 0xFD and at + 12 <= len(datagram):
@@ -54,7 +54,7 @@ def frames(datagram: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def mode_shown(number: int, frame: bytes) -> int | None:
-    """The custom mode in an autopilot's HEARTBEAT; None for any other frame."""
+    """Return the custom mode in an autopilot's HEARTBEAT; None for any other frame."""
     component, payload = (6, 10) if frame[0] == 0xFD else (4, 6)
     if number != 0 or frame[component] != mavlink.MAV_COMP_ID_AUTOPILOT1:
         return None
@@ -62,7 +62,7 @@ def mode_shown(number: int, frame: bytes) -> int | None:
 
 
 def setpoint(message: Any, time: float, speed: float) -> Setpoint | None:
-    """What a message of circnav commands, None if it is no setpoint. A bank counts as its coordinated turn."""
+    """Return the setpoint in a message of circnav, or None. A bank is converted to its coordinated turn rate."""
     kind = message.get_type()
     if kind not in SETPOINTS:
         return None
@@ -83,7 +83,7 @@ def _roll(message: Any) -> float | None:
 
 
 def parser() -> mavlink.MAVLink:
-    """One that skips bad bytes."""
+    """Return a parser that skips bad bytes."""
     one = mavlink.MAVLink(None)
     one.robust_parsing = True
     return one

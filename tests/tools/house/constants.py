@@ -2,8 +2,8 @@
 
 Each constant of a module with its value, unit and origin; for those of guidance and pilot the effect at half and at
 double: relative change of radius RMS (last 40 s) and of the turn command's standard deviation (whole flight) in two
-lockstep flights of the emulator. FILE keeps a line for each constant and factor; what is there is not flown again, and
-a run ends after T seconds. `--write` writes docs/constants.md; effects that FILE lacks are kept as the page has them.
+lockstep flights of the emulator. FILE keeps a line for each constant and factor, which is not flown again. A run ends
+after T seconds. `--write` writes docs/constants.md; for an effect that FILE lacks, the page keeps its value.
 """
 
 import argparse
@@ -33,7 +33,7 @@ FIRST = (
     "turn_gain", "turn_response", "turn_monitor", "vector_field", "step", "watches", "side_slip", "lap_plan",
     "controller",
 )  # fmt: skip
-"""Modules whose constants are flown first: they act on the turn rate."""
+"""Modules with the constants that are flown first, because they act on the turn rate."""
 FACTORS = 0.5, 2.0
 NONE = 0.01
 """Relative change below which a constant has no effect."""
@@ -52,14 +52,14 @@ FLIGHTS: dict[str, tuple[str, ...]] = {
         "arducopter", "orbit.radius_m=30.0", "vehicle.speed_mps=5.0", "sim.wind.speed_mps=5",
         "sim.wind.gust_rms_mps=0.4"),
 }  # fmt: skip
-"""What is flown: a plane with lost and false ranges, and a copter, in wind and gusts."""
+"""Flights: a plane with lost and false ranges, and a copter, in wind and gusts."""
 LASTS, JUDGED = 90.0, 40.0
-"""A flight, and the part of it in which its radius counts, s."""
+"""Duration of a flight, and its last part in which the radius is judged, s."""
 
 
 @dataclass(frozen=True)
 class Constant:
-    """module: path in the repository. value: as Python prints it. origin: what docstring or comment say."""
+    """module: path in the repository. value: as Python prints it. origin: text of the docstring or comment."""
 
     module: str
     name: str
@@ -68,13 +68,13 @@ class Constant:
 
     @property
     def unit(self) -> str:
-        """Unit by the words of the origin; empty where they name none."""
+        """Unit named in the origin; empty if it names none."""
         found = UNIT.search(self.origin)
         return found.group(1) if found else "share" if SHARE.search(self.origin) else ""
 
     @property
     def key(self) -> str:
-        """Name of the constant in the results, whatever folder holds it."""
+        """Name of the constant in the results, independent of its folder."""
         return f"{Path(self.module).stem}.{self.name}={self.value}"
 
 
@@ -82,7 +82,7 @@ class Constant:
 
 
 def constants(module: str) -> list[Constant]:
-    """The numeric constants of a module (path in the repository). It is imported for their values."""
+    """Return the numeric constants of a module (path in the repository). Imports it for their values."""
     text = (ROOT / module).read_text()
     loaded = importlib.import_module(module.removesuffix(".py").replace("/", ".").removesuffix(".__init__"))
     lines, body = text.splitlines(), [one for one in ast.parse(text).body if not fills_in(one)]
@@ -96,8 +96,8 @@ def constants(module: str) -> list[Constant]:
 
 
 def assigned(statement: ast.stmt) -> Iterator[tuple[str, ast.expr]]:
-    """Names of constants that a statement assigns, each with the expression of its value. Numbers that name rows of an
-    array (a `range`, an enumeration) are none."""
+    """Yield each constant that a statement assigns, with its expression. Indices of array rows (a `range`, an
+    enumeration) are not constants."""
     if not isinstance(statement, ast.Assign | ast.AnnAssign) or statement.value is None:
         return
     target = statement.targets[0] if isinstance(statement, ast.Assign) else statement.target
@@ -110,12 +110,12 @@ def assigned(statement: ast.stmt) -> Iterator[tuple[str, ast.expr]]:
 
 
 def fills_in(statement: ast.stmt) -> bool:
-    """True for `A[...] = ...`, which stands between an array and its docstring."""
+    """True for `A[...] = ...`, which may come between an array and its docstring."""
     return isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Subscript)
 
 
 def has_number(expression: ast.expr) -> bool:
-    """True where a number is written. What only repeats other names is no constant of its own."""
+    """True if the expression contains a number. An expression of other names only is not a separate constant."""
     numbers = (node.value for node in ast.walk(expression) if isinstance(node, ast.Constant))
     return any(isinstance(value, int | float | complex) and not isinstance(value, bool) for value in numbers)
 
@@ -128,7 +128,7 @@ def numeric(value: object) -> bool:
 
 
 def shown(value: Any) -> str:
-    """A value in the table."""
+    """Return a value as the table shows it."""
     text = f"{value:.6g}" if isinstance(value, float) else str(value) if isinstance(value, int) else _list(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
@@ -140,7 +140,7 @@ def _list(value: Any) -> str:
 
 
 def said(statement: ast.stmt, after: ast.stmt | None, lines: list[str]) -> str:
-    """Docstring under a statement; without one, the comment beside it or above it; empty without any."""
+    """Return the docstring under a statement, else the comment beside it or above it, else an empty text."""
     if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant) and isinstance(after.value.value, str):
         return " ".join(after.value.value.split())
     beside = lines[statement.end_lineno - 1].partition("  # ")[2]
@@ -150,7 +150,7 @@ def said(statement: ast.stmt, after: ast.stmt | None, lines: list[str]) -> str:
 
 
 def all_constants() -> list[Constant]:
-    """Of the whole product, without the bundled emulator and missions."""
+    """Return the constants of the whole product, without the bundled emulator and missions."""
     paths = [path.relative_to(ROOT) for path in sorted((ROOT / PACKAGE).rglob("*.py")) if path.name != "__main__.py"]
     return [one for path in paths for one in constants(path.as_posix())]
 
@@ -159,7 +159,7 @@ def all_constants() -> list[Constant]:
 
 
 class Scaled(importlib.machinery.SourceFileLoader):
-    """Loads a module in which one constant is multiplied before anything is made of it."""
+    """Loads a module with one constant multiplied before any use."""
 
     def __init__(self, fullname: str, path: str, name: str, factor: float) -> None:
         super().__init__(fullname, path)
@@ -176,7 +176,7 @@ class Scaled(importlib.machinery.SourceFileLoader):
 
 
 def multiply(statement: ast.stmt, value: ast.expr, factor: float) -> None:
-    """Put the scaled value in the place of a value in its statement."""
+    """Replace a value in its statement by the scaled value."""
     call = ast.parse(f"__import__({__name__!r}, fromlist=['scaled']).scaled(0, {factor})", mode="eval").body
     assert isinstance(call, ast.Call)
     assert isinstance(statement, ast.Assign | ast.AnnAssign)
@@ -188,7 +188,7 @@ def multiply(statement: ast.stmt, value: ast.expr, factor: float) -> None:
 
 
 def scaled(value: Any, factor: float) -> Any:
-    """A number, or numbers, times a factor. Counts stay counts, 1 at least."""
+    """Return a number, or numbers, times a factor. Counts remain integers of at least 1."""
     if isinstance(value, tuple):
         return tuple(scaled(one, factor) for one in value)
     if isinstance(value, int) and not isinstance(value, bool):
@@ -214,7 +214,7 @@ Flown = dict[str, tuple[float, float]]
 
 
 def fly(module: str = "", name: str = "", factor: float = 1.0) -> Flown:
-    """Fly with one constant scaled. Runs in a process that has loaded nothing of the product."""
+    """Fly with one constant scaled. Runs in a process that has not loaded the product."""
     if module:
         finder: Any = Finder(module.removesuffix(".py").replace("/", "."), name, factor)
         sys.meta_path.insert(0, finder)
@@ -232,7 +232,7 @@ def fly(module: str = "", name: str = "", factor: float = 1.0) -> Flown:
 
 
 def functions_run() -> set[tuple[str, int]]:
-    """Files and first lines of the functions that run in the flights."""
+    """Return files and first lines of the functions that run in the flights."""
     run: set[tuple[str, int]] = set()
     sys.setprofile(lambda frame, kind, _: run.add((frame.f_code.co_filename, frame.f_code.co_firstlineno)))
     try:
@@ -243,8 +243,8 @@ def functions_run() -> set[tuple[str, int]]:
 
 
 def reached(every: list[Constant], run: set[tuple[str, int]]) -> set[str]:
-    """Names of constants that a function that runs, or the begin of a module, goes by. A constant that only makes
-    another counts where that one does."""
+    """Return names of constants that are used by a function that runs, or at import. A constant used only in another
+    constant counts if that constant does."""
     users: dict[str, set[str]] = {}
     used: set[str] = set()
     for module in {one.module for one in every}:
@@ -264,7 +264,7 @@ def reached(every: list[Constant], run: set[tuple[str, int]]) -> set[str]:
 
 
 def _parts(statement: ast.stmt) -> Iterator[ast.stmt]:
-    """A statement, a class as its own statements."""
+    """Yield a statement, or the statements of a class."""
     if isinstance(statement, ast.ClassDef):
         for one in statement.body:
             yield from _parts(one)
@@ -273,13 +273,13 @@ def _parts(statement: ast.stmt) -> Iterator[ast.stmt]:
 
 
 def apart(function: Any, *given: Any) -> Any:
-    """The result of a function in a process of its own."""
+    """Return the result of a function run in a separate process."""
     with multiprocessing.get_context("fork").Pool(1) as pool:
         return pool.apply(function, given)
 
 
 def measure(path: Path, seconds: float, tell: Any = print) -> None:
-    """Fly what the results lack, until the time is over."""
+    """Fly the jobs without a result, until the time is over."""
     began, every = time.monotonic(), apart(all_constants)
     here = [one for one in every if one.module.startswith(MEASURED)]
     done = read(path)
@@ -290,7 +290,7 @@ def measure(path: Path, seconds: float, tell: Any = print) -> None:
         note(path, "reached", sorted(reached(every, apart(functions_run))))
         done = read(path)
     jobs = [(one, factor) for one in here if one.name in done["reached"] for factor in FACTORS]
-    random.shuffle(jobs)  # so that two runs at a time seldom fly the same
+    random.shuffle(jobs)  # so that two parallel runs seldom fly the same job
     for one, factor in sorted(jobs, key=lambda job: Path(job[0].module).stem not in FIRST):
         key = f"{one.key} x{factor:g}"
         if key in read(path):
@@ -299,7 +299,7 @@ def measure(path: Path, seconds: float, tell: Any = print) -> None:
             return
         try:
             flown: object = apart(partial(fly, one.module, one.name, factor))
-        except Exception as error:  # whatever a wrong constant breaks is its effect
+        except Exception as error:  # any failure is the effect of the changed constant
             flown = f"{type(error).__name__}: {error}"[:80]
         note(path, key, flown)
         tell(key, flown, flush=True)
@@ -312,7 +312,7 @@ def note(path: Path, key: str, what: object) -> None:
 
 
 def read(path: Path | None) -> dict[str, Any]:
-    """What was flown so far."""
+    """Return the stored results."""
     lines = path.read_text().splitlines() if path is not None and path.exists() else []
     return dict(json.loads(line) for line in lines)
 
@@ -321,7 +321,7 @@ def read(path: Path | None) -> dict[str, Any]:
 
 
 def effect(flown: Any, base: Flown) -> str:
-    """The larger change of the two flights, of radius RMS and of turn, in percent."""
+    """Return the larger change of the two flights, of radius RMS and of turn, in percent."""
     if isinstance(flown, str):
         return "fails"
     changes = [[flown[row][i] / base[row][i] - 1 for row in base] for i in (0, 1)]
@@ -332,7 +332,7 @@ def effect(flown: Any, base: Flown) -> str:
 
 
 def effects(one: Constant, done: dict[str, Any], page: dict[tuple[str, str], str]) -> str:
-    """Effects of a constant as the table has them; as the page before had them where nothing was flown."""
+    """Return the effects of a constant, as the table shows them. Without a flight, use the effects on the old page."""
     flown = [done.get(f"{one.key} x{factor:g}") for factor in FACTORS]
     if None not in flown and "base" in done:
         told = [effect(each, done["base"]) for each in flown]
@@ -345,7 +345,7 @@ def effects(one: Constant, done: dict[str, Any], page: dict[tuple[str, str], str
 
 
 def before(text: str) -> dict[tuple[str, str], str]:
-    """Effects by name and value as a page has them."""
+    """Return the effects on a page, by name and value."""
     rows = [[cell.strip() for cell in line.split("|")] for line in text.splitlines() if line.startswith("| `")]
     return {(row[1].strip("`"), row[3]): row[5] for row in rows if len(row) > 5}
 
@@ -362,7 +362,7 @@ guards against what these flights do not hold shows no effect, and its origin sa
 
 
 def page(every: list[Constant], done: dict[str, Any], old: str) -> str:
-    """The page in Markdown, a table for each folder."""
+    """Return the page in Markdown, with a table for each folder."""
     parts, kept = [HEAD], before(old)
     without = sum(not one.origin for one in every)
     parts.append(f"{len(every)} constants, {without} without origin.\n")

@@ -1,6 +1,7 @@
-"""Measures the house: `python -m tests.tools.house.measure [PACKAGE_FOLDER...]`, an older checkout's folders too.
+"""Measures the code base: `python -m tests.tools.house.measure [PACKAGE_FOLDER...]`, also for folders of an older
+checkout.
 
-Every figure of the code itself in the documentation is one that this prints.
+Prints every figure about the code that the documentation contains.
 """
 
 import ast
@@ -24,7 +25,7 @@ NAMED = {
     "vehicle": ("arducopter", "arduplane", "ardurover", "px4copter", "px4plane"),
     "ranging message": ("rangingbeacon", "distancesensor", "namedvaluefloat"),
 }
-"""What a user chooses by name. Laws are common words, so that only those in quotes count."""
+"""Options that a user selects by name. Laws are common words, so they count only in quotes."""
 
 TRACE = """
 import sys
@@ -66,14 +67,14 @@ while not sent and flown.now < 30:
 assert sent
 print(len(visited))
 """
-"""Flies the quickstart of a checkout. From one range on its way in to the next setpoint on its way out, every file of
-the package is counted of which a function is called."""
+"""Program that flies the quickstart of a checkout. It counts the package's files with a function called between a
+received range and the next setpoint."""
 
 
 @dataclass
 class Count:
-    """What was found in some files. public: functions and classes of modules. bodies: lines of each function's body,
-    its docstring left out."""
+    """Counts of some files. public: functions and classes of modules. bodies: lines of each function's body without its
+    docstring."""
 
     files: int = 0
     lines: int = 0
@@ -84,7 +85,7 @@ class Count:
     bodies: list[int] = field(default_factory=list)
 
     def row(self) -> list[str]:
-        """As printed. Names of a thousand lines, comments of a hundred."""
+        """Return the printed figures: names per 1,000 lines, comments per 100 lines."""
         lines, known = max(self.lines, 1), self.arguments
         return [
             f"{self.files}", f"{self.lines}", f"{1000 * self.public / lines:.1f}", f"{100 * self.comments / lines:.1f}",
@@ -96,7 +97,7 @@ HEADINGS = ("files", "lines", "public names per 1000", "comments per 100", "Any 
 
 
 def measure(package: Path) -> dict[str, Count]:
-    """The figures of a package, and of each of its rooms: the folders in it."""
+    """Return the counts of a package, and of each folder in it."""
     trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(package.rglob("*.py"))}
     unknown = {"Any"} | {alias for tree in trees.values() for alias in _aliases_of_any(tree)}
     counts: dict[str, Count] = {}
@@ -127,14 +128,14 @@ def _add(count: Count, path: Path, tree: ast.Module, unknown: set[str]) -> None:
 
 
 def _aliases_of_any(tree: ast.Module) -> Iterator[str]:
-    """Names that stand for Any, as in `Array = Any`."""
+    """Yield aliases of Any, as in `Array = Any`."""
     for node in tree.body:
         if isinstance(node, ast.Assign) and isinstance(node.value, ast.Name) and node.value.id == "Any":
             yield from (target.id for target in node.targets if isinstance(target, ast.Name))
 
 
 def files_visited(package: Path) -> int | None:
-    """Files that a range visits on its way to a setpoint; None for a checkout in which that cannot be flown."""
+    """Return the number of files used between a range and a setpoint, or None if the checkout cannot fly."""
     ran = subprocess.run(
         [sys.executable, "-c", TRACE, str(package.resolve())], cwd=package.resolve().parent, check=False,
         env={**os.environ, "PYTHONPATH": "."}, capture_output=True, text=True,
@@ -143,8 +144,8 @@ def files_visited(package: Path) -> int | None:
 
 
 def files_naming(checkout: Path, *folders: str) -> dict[str, int]:
-    """For each kind of choice, how many files in these folders name the one that is named least: the others stand in
-    examples too."""
+    """Return, for each kind of option, the number of files that contain its rarest name. The other names also occur in
+    examples."""
     paths = [path for folder in folders for path in (checkout / folder).rglob("*.*") if path.suffix in WRITTEN]
     texts = [re.sub("[_ -]", "", path.read_text(encoding="utf-8").lower()) for path in paths]
     counts = {}

@@ -1,4 +1,4 @@
-"""Constants are found with value, unit and origin, and are scaled before anything is made of them."""
+"""Constants are found with value, unit and origin, and are scaled before any use."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The measuring script runs, and its figures of a house drawn by hand are those counted by hand."""
+"""The measuring script runs, and its figures of a small package equal the figures counted by hand."""
 
 from pathlib import Path
 

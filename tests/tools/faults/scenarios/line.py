@@ -1,4 +1,4 @@
-"""F1 .. F7: what a line does to datagrams, in both directions unless said otherwise."""
+"""F1 to F7: faults of the link, in both directions unless stated otherwise."""
 
 from typing import Any
 
@@ -25,7 +25,7 @@ def outage(seconds: float, way: str, **more: Any) -> Scenario:
 
 
 def engages_only_when_the_link_is_quick(course: Course) -> str | None:
-    """The delay lasts for FRESH_PATIENCE."""
+    """Return a fault if the flight began during the delay, which lasts for FRESH_PATIENCE."""
     at = course.pilot.mission.engaged_at
     return f"engaged after {at:.1f} s over a slow link" if at is not None and at < FRESH_PATIENCE else None
 

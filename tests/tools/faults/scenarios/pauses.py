@@ -1,4 +1,4 @@
-"""F24: the vehicle, its radio, we, or the computer with all of them stand still for a while, and go on."""
+"""F24: the vehicle, its radio, circnav, or the computer that runs all three pauses and continues."""
 
 from collections.abc import Callable
 
@@ -10,11 +10,11 @@ from tests.tools.faults.tampering import on
 RANGE = 132
 STEP = 0.01
 Pause = Callable[[Course, float], None]
-"""(flight, seconds): somebody stands still for so long, from now on."""
+"""Callback(flight, seconds): pauses a component for this time, from now on."""
 
 
 def vehicle_pauses(course: Course, seconds: float) -> None:
-    """Its clock stands still and nothing comes; what we say waits for it. For us time goes on."""
+    """The vehicle's clock stops and it sends nothing. Frames to it wait. circnav's time continues."""
     before, since = course.clock, course.clock(course.now)
     for n in range(1, round(seconds / STEP)):
         course.vehicle.receive(output(course.pilot, since + n * STEP))
@@ -22,7 +22,7 @@ def vehicle_pauses(course: Course, seconds: float) -> None:
 
 
 def radio_pauses(course: Course, seconds: float) -> None:
-    """Its clock stands still; the vehicle and its link go on."""
+    """The radio's clock stops. The vehicle and its link continue."""
     until = course.now + seconds
 
     def change(frame: bytes, now: float) -> list[bytes]:
@@ -33,7 +33,7 @@ def radio_pauses(course: Course, seconds: float) -> None:
 
 
 def radio_buffers(at_once: int) -> Pause:
-    """Its buffer fills, then drains by so many ranges for each new one."""
+    """The radio's buffer fills, then sends up to `at_once` ranges with each new one."""
 
     def pauses(course: Course, seconds: float) -> None:
         until, waiting = course.now + seconds, list[bytes]()
@@ -53,17 +53,17 @@ def radio_buffers(at_once: int) -> Pause:
 
 
 def we_pause(course: Course, seconds: float) -> None:
-    """What the vehicle says meanwhile waits in our socket."""
+    """Frames of the vehicle wait in circnav's socket."""
     course.stall(seconds)
 
 
 def companion_sleeps(course: Course, seconds: float) -> None:
-    """The vehicle flies on; what it says meanwhile is lost. Our clock counts the time asleep, as Linux' does."""
+    """The vehicle flies on, and its frames are lost. circnav's clock includes the time asleep, as on Linux."""
     course.stall(seconds, lost=True)
 
 
 def computer_pauses(course: Course, seconds: float) -> None:
-    """Vehicle, radio and we stand still with the computer that all of them run on; its clock goes on."""
+    """The computer that runs vehicle, radio and circnav pauses. Its clock continues."""
     before = course.clock
     course.clock = lambda now: before(now) + seconds
     course.stood_still(seconds)
@@ -97,7 +97,7 @@ def paused(who: str, seconds: float) -> Scenario:
 
 
 STANDSTILLS = [
-    *(paused(who, seconds) for who in PAUSES if who != "we" for seconds in (0.5, 3.0)),  # we: F20
+    *(paused(who, seconds) for who in PAUSES if who != "we" for seconds in (0.5, 3.0)),  # circnav: F20
     paused("companion computer sleeps", 30.0),
     paused("whole computer", 30.0),
 ]

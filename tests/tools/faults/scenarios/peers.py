@@ -1,4 +1,4 @@
-"""F9, F14 .. F20, F22: floods, clocks and stalls of our own, reboots, takeovers, other people on the link, commands."""
+"""F9, F14 to F20, F22: floods, errors of our clock, stalls, reboots, takeovers, other senders on the link, commands."""
 
 import struct
 from collections.abc import Callable, Iterable
@@ -39,7 +39,7 @@ def intrude(make: Callable[[int], Intruder]) -> Arrange:
 
 
 def our_clock(shift: Callable[[float, float], float]) -> Arrange:
-    """Our own clock goes another way from now on."""
+    """Change our clock from now on."""
 
     def arrange(course: Course, seed: int) -> None:
         since = course.now
@@ -84,7 +84,7 @@ def reboot(gap: float) -> Scenario:
 
 
 def takeovers(times: int, quick: bool = False) -> Scenario:
-    """The operator changes the mode at random moments of flights of their own."""
+    """The operator changes the mode at random moments, each in its own copy of the flight."""
 
     def arrange(course: Course, seed: int) -> None:
         chance = Random(seed)
@@ -114,7 +114,7 @@ def take_over(course: Course) -> None:
 
 
 def flapping(course: Course, seed: int) -> None:
-    """The mode changes every 2.5 s; we are given the vehicle again each time."""
+    """The mode changes every 2.5 s, and circnav gets the vehicle back each time."""
     for _ in range(20):
         take_over(course)
         course.fly(course.now + 2.5)
@@ -149,7 +149,7 @@ OPERATOR = [
 
 
 def new_port(course: Course, seed: int) -> None:
-    """The vehicle's bridge restarts: two seconds of nothing, then another source address."""
+    """The vehicle's bridge restarts: 2 s without frames, then another source address."""
     course.link.impair(up=Impairment(loss=1.0), down=Impairment(loss=1.0))
     course.fly(course.now + 2.0)
     course.source = "sim, another port"
@@ -157,7 +157,7 @@ def new_port(course: Course, seed: int) -> None:
 
 
 def flaps(course: Course, seed: int) -> None:
-    """A hundred times half a second up, half a second down."""
+    """100 cycles of 0.5 s up and 0.5 s down."""
     cuts = tuple((course.now + n, course.now + n + 0.5) for n in range(100))
     course.link.impair(up=Impairment(outages=cuts), down=Impairment(outages=cuts))
 
@@ -169,12 +169,12 @@ LINKS = [
 
 
 def echoing(way: str, data: bytes, now: float) -> Iterable[Passage]:
-    """Everything that we send comes back."""
+    """Every sent frame comes back."""
     return [(UP, data), (DOWN, data)] if way == UP else [(DOWN, data)]
 
 
 def forged_acks(seed: int) -> Intruder:
-    """Acknowledgements of everybody's commands in a ground station's name, and of ours to somebody else."""
+    """Acknowledgements of our commands: one in a ground station's name, one addressed to another component."""
 
     def words(n: int) -> list[bytes]:
         return [acknowledgement(SET_MODE, 2, OURS, by=GCS), acknowledgement(511, 2, (1, 77))]
@@ -183,12 +183,12 @@ def forged_acks(seed: int) -> Intruder:
 
 
 def joined(level: str, make: Callable[[int], Intruder], want: Want = Want.HOLD, **more: Any) -> Scenario:
-    """Somebody else speaks on the link."""
+    """Return a scenario with another sender on the link."""
     return Scenario("F18", level, arrange=intrude(make), want=want, **more)
 
 
 def left_at_the_vehicles_ids(seed: int) -> Intruder:
-    """A gimbal of ids 1/1 behind the vehicle's router: no autopilot, mode 0, not armed."""
+    """A gimbal with ids 1/1 behind the vehicle's router: no autopilot, mode 0, not armed."""
     heartbeat = mavlink.MAVLink_heartbeat_message(26, 8, 0, 0, 4, 3)
     return periodic(1.0, lambda n: [write(heartbeat, 1, 1, n & 255)])
 
@@ -207,7 +207,7 @@ IDENTITY = [
 
 
 def no_answer_no_obedience(way: str, data: bytes, now: float) -> Iterable[Passage]:
-    """A vehicle that is deaf to commands."""
+    """A vehicle that neither answers nor obeys commands."""
     return () if way == UP and message_id(data) == 76 else [(way, data)]
 
 
@@ -233,7 +233,7 @@ COMMANDS = [
 
 
 def longer(way: str, data: bytes, now: float) -> Iterable[Passage]:
-    """Frames with extension fields that nobody knows yet."""
+    """Append unknown extension fields to the frames."""
     if way == UP or message_id(data) < 0 or data[1] > 240:
         return [(way, data)]
     payload = data[10 : 10 + data[1]] + struct.pack("<HBf", 7, 9, 1.5)
@@ -241,7 +241,7 @@ def longer(way: str, data: bytes, now: float) -> Iterable[Passage]:
 
 
 def _padded(frame: bytes, payload: bytes) -> bytes:
-    """Truncated zeros come back before anything is put behind them."""
+    """Restore truncated zeros before fields are appended."""
     size = mavlink.mavlink_map[message_id(frame)].unpacker.size
     known = frame[10 : 10 + frame[1]]
     return (known + bytes(max(0, size - len(known))) + payload[len(known) :])[:255]

@@ -1,4 +1,4 @@
-"""F10 .. F13: what the range says, how it is noised, repeated and stamped. On the way from the vehicle."""
+"""F10 to F13: values, noise, repetition and timestamps of the ranges, changed on the way from the vehicle."""
 
 from collections.abc import Callable
 from functools import partial
@@ -24,7 +24,7 @@ from tests.tools.faults.tampering import (
 
 HOLD, REGAIN = Want.HOLD, Want.REGAIN
 SLOW = {"px4_copter": REGAIN}
-"""Ten seconds without ranges take it farther than others off its circle."""
+"""10 s without ranges take the PX4 copter farther off its circle than the other vehicles."""
 RANGE = 132
 NAMED = 251
 WRAP = 2**32 / 1000
@@ -33,7 +33,7 @@ NAMED_RANGING = ('ranging.message="named_value_float"', 'sim.ranging.message="na
 
 
 def tampered(fault: str, level: str, change: Callable[[int], Change], number: int = RANGE, **more: Any) -> Scenario:
-    """A change to the ranging radio's frames, made from the seed."""
+    """Return a scenario that changes the ranging radio's frames. change: called with the seed."""
 
     def arrange(course: Course, seed: int) -> None:
         course.link.tampers.append(on(number, change(seed)))
@@ -42,7 +42,7 @@ def tampered(fault: str, level: str, change: Callable[[int], Change], number: in
 
 
 def value(level: str, *rejects: str, quick: bool = False, profiles: tuple[str, ...] = (), **fields: float) -> Scenario:
-    """A fifth of the ranges carry a value that is none."""
+    """A fifth of the ranges has an invalid value."""
     change = partial(sometimes, 0.2, **fields)
     return tampered("F10", level, change, rejects=rejects, quick=quick, profiles=profiles)
 
@@ -95,14 +95,14 @@ NOISE = [
 
 
 def repeating(seconds: float, *, new_stamps: bool, quick: bool = False) -> Scenario:
-    """Stuck on one value; for as long as nobody can tell, the rules hold all the same."""
+    """The range is stuck on one value. The setpoint rules also apply while this cannot be detected."""
     level = f"stuck {seconds:g} s, {'new stamps' if new_stamps else 'same stamp'}"
     more = {"lasts": seconds, "after": 50.0, "want": REGAIN, "quick": quick}
     return tampered("F12", level, lambda seed: stuck(new_stamps=new_stamps), **more)
 
 
 def restamped(frame: bytes, now: float) -> list[bytes]:
-    """The same value five times, each with a stamp a little newer: an autopilot that re-sends."""
+    """The same value 5 times with slightly newer timestamps, as from an autopilot that re-sends."""
     stamp = read(frame).time_boot_ms
     return [rewritten(frame, time_boot_ms=stamp + 10 * n) for n in range(5)]
 
@@ -118,7 +118,7 @@ STUCK = [
 
 
 def beside(**fields: int) -> Callable[[int], Change]:
-    """Another sensor of the same radio ranges to something else, at the same moments."""
+    """Another sensor of the same radio measures another target at the same times."""
 
     def change(seed: int) -> Change:
         return lambda frame, now: [frame, rewritten(frame, current_distance=4000 + round(10 * now) % 50, **fields)]
@@ -127,14 +127,14 @@ def beside(**fields: int) -> Callable[[int], Change]:
 
 
 def few_setpoints(course: Course) -> str | None:
-    """A setpoint per range would be 100 and 1000 per second."""
+    """Return a fault if setpoints are sent for each range, which would be 100 or 1,000 per second."""
     sent = [time for time, _ in course.vehicle.setpoint_log if time > course.now - 10.0]
     most = 10.0 / (0.75 * course.pilot.settings.timing.tick) + 1
     return f"{len(sent)} setpoints in 10 s, at most {most:.0f}" if len(sent) > most else None
 
 
 def refused(level: str, key: str, **fields: int) -> Scenario:
-    """A second source from the start: not engaged, and the key that names one is told."""
+    """Two range sources from the start: not engaged, and the key that selects one is reported."""
     more = {"want": Want.REFUSE, "reason": f"select yours by ranging.{key}", "quick": key == "sensor_id", **FRESH}
     return tampered("F25", level, beside(**fields), profiles=("arducopter", "arduplane"), **more)
 
@@ -170,7 +170,7 @@ RATES = [
 
 
 def stamped(level: str, shift: Callable[[float, float], float], **more: Any) -> Scenario:
-    """The radio's clock, not the vehicle's."""
+    """Change the timestamps of the radio only."""
     return tampered("F13", level, lambda seed: stamps(shift), clocks=True, **more)
 
 

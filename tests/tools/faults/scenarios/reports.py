@@ -1,4 +1,4 @@
-"""F29: what the vehicle reports of its own motion is missing, no number, or jumps."""
+"""F29: the vehicle's reports about its motion are missing, not finite, or jump."""
 
 from collections.abc import Callable
 from math import nan, pi, remainder
@@ -11,16 +11,16 @@ from tests.tools.faults.tampering import Change, on
 
 ATTITUDE, VFR_HUD = 30, 74
 AUTO = ('guidance.law="auto"',)
-"""The default law: it uses the heading, and the matrix is flown with another."""
+"""The default law. It uses the heading, unlike the law of the matrix."""
 ARDUPILOT = ("arducopter", "arduplane", "ardurover")
-"""PX4 sends ATTITUDE_QUATERNION beside ATTITUDE: either is enough."""
+"""PX4 sends ATTITUDE_QUATERNION beside ATTITUDE, and one of them is sufficient."""
 YAW: dict[str, Any] = {"overrides": AUTO, "reported": "HEADING JUMPED", "profiles": ARDUPILOT}
 BLIND: dict[str, Any] = {"overrides": AUTO, "reported": "NO ATTITUDE", "profiles": ARDUPILOT, "want": Want.REGAIN}
 BANKED = ("arduplane", "px4_plane", "px4_plane_attitude")
 
 
 def reports(level: str, number: int, make: Callable[[Course], Change], **more: Any) -> Scenario:
-    """A change to one message of the vehicle while the fault lasts."""
+    """Return a scenario that changes one message of the vehicle during the fault."""
 
     def arrange(course: Course, seed: int) -> None:
         course.link.tampers.append(on(number, make(course)))
@@ -29,7 +29,7 @@ def reports(level: str, number: int, make: Callable[[Course], Change], **more: A
 
 
 def turned(angle: float) -> Callable[[Course], Change]:
-    """The yaw is set anew by so much, rad, and back when the fault ends."""
+    """The yaw jumps by this angle, rad, and back at the end of the fault."""
 
     def change(frame: bytes, now: float) -> list[bytes]:
         return [rewritten(frame, yaw=remainder(read(frame).yaw + angle, 2 * pi))]
@@ -38,7 +38,7 @@ def turned(angle: float) -> Callable[[Course], Change]:
 
 
 def every_second(course: Course) -> Change:
-    """One attitude a second."""
+    """Pass one attitude per second."""
     passed = [-1.0]
 
     def change(frame: bytes, now: float) -> list[bytes]:
@@ -51,7 +51,7 @@ def every_second(course: Course) -> Change:
 
 
 def fixed(**values: float) -> Callable[[Course], Change]:
-    """Fields that are the same in every frame."""
+    """Set fields to constant values in every frame."""
     return lambda course: lambda frame, now: [rewritten(frame, **values)]
 
 

@@ -1,4 +1,4 @@
-"""F22: signed links, and those who have no key, another one, or somebody else's frames."""
+"""F22: signed links, and senders without a key, with another key, or with recorded frames."""
 
 from collections.abc import Callable
 from typing import Any
@@ -19,7 +19,7 @@ BOTH = (KEY, KEY)
 HOUR = 3600.0
 NOT_BELIEVED = "every frame received is unsigned or wrongly signed"
 HEARTBEAT = mavlink.MAVLink_heartbeat_message(2, 3, 0x81, 5, 4, 3)
-"""Of our vehicle, in a mode that would end the mission."""
+"""Heartbeat of our vehicle, in a mode that would end the mission."""
 TO_LOITER = mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, 5, 0, 0, 0, 0, 0)
 
 Arrange = Callable[[Course, int], None]
@@ -35,7 +35,7 @@ def saying(engine: mavlink.MAVLink, message: mavlink.MAVLink_message, way: str, 
 
 
 def both_ways(key: bytes | None, timestamp: int = 0, **link: int) -> Arrange:
-    """Somebody speaks as the vehicle to us, and to the vehicle as a ground station."""
+    """Return an arrangement: one sender imitates the vehicle to us, and a ground station to the vehicle."""
 
     def arrange(course: Course, seed: int) -> None:
         course.link.intruders += [
@@ -55,7 +55,7 @@ def replayed(course: Course, seed: int) -> None:
 
 
 def clock(*, ours: float = 0.0, theirs: float | None = 0.0) -> Arrange:
-    """Wall clocks that are off, s; None: the vehicle has none."""
+    """Return an arrangement with wall clock errors, s; None: the vehicle has no clock."""
 
     def arrange(course: Course, seed: int) -> None:
         course.wall += ours
@@ -65,7 +65,7 @@ def clock(*, ours: float = 0.0, theirs: float | None = 0.0) -> Arrange:
 
 
 def refused(*reasons: Refusal, by_vehicle: bool = True) -> Check:
-    """Whether just these reasons were counted, and whether the vehicle refused something, too."""
+    """Return a check of the rejection reasons, which must be exactly these, and of rejections by the vehicle."""
 
     def check(course: Course) -> str | None:
         found = course.pilot.frames_refused()
@@ -86,7 +86,7 @@ def fresh(level: str, want: Want, arrange: Arrange | None = None, **more: Any) -
 
 
 def unsigned_flown(course: Course) -> str | None:
-    """What a vehicle with a key has taken from us without one."""
+    """Return a fault if a vehicle with a key flew unsigned setpoints."""
     return f"{len(course.vehicle.setpoint_log)} unsigned setpoints flown" if course.vehicle.setpoint_log else None
 
 
@@ -114,7 +114,7 @@ SIGNING = [
             ("20 % lost", Impairment(loss=0.2)),
             ("50 % twice", Impairment(duplicate=0.5)),
             ("0.001 corrupt per byte", Impairment(corrupt=1e-3)),
-            ("200 ms jitter", Impairment(jitter=0.2)),  # who is overtaken counts as repeated: many frames are lost
+            ("200 ms jitter", Impairment(jitter=0.2)),  # an overtaken frame counts as repeated: many frames are lost
         )
     ),
 ]
