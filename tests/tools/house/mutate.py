@@ -1,11 +1,11 @@
 """python -m tests.tools.house.mutate [FOLDER...] [--count N] [--seed S] [--keep FILE] [--seconds T] [--also PATH...]
 
 Breaks the product in N small ways per room, one at a time, in a copy of the checkout, and shows which test notices.
-FOLDER: rooms of the product (circnav_mav/guidance, mav and pilot if none is given). The tests of a room are those in
-tests/ROOM; `--also` adds files or folders, which run after them. A first run without a mutation records the
-functions that each test calls. A mutant in a function is judged by the tests that call it, the fastest first. A mutant
-outside functions is judged by all tests, those that call functions of its module first. Tests that fail without a
-mutation do not count.
+FOLDER: rooms of the product or files in them (circnav_mav/guidance, mav and pilot if none is given). The tests of a
+room are those in tests/ROOM; `--also` adds files or folders, which run after them. A first run without a mutation
+records the functions that each test calls. A mutant in a function is judged by the tests that call it, the fastest
+first. A mutant outside functions is judged by all tests, those that call functions of its module first. Tests that fail
+without a mutation do not count.
 
 Two commits are compared with `--checkout`, or with `--tests` for another checkout's tests on the same product. The draw
 orders all mutations by a hash of seed, file name, function and text: what did not change is drawn in both.
@@ -258,9 +258,10 @@ def textual(node: ast.expr) -> bool:
 
 
 def draw(checkout: Path, folder: str, seed: int, count: int) -> list[Mutant]:
-    """Return `count` mutants of a folder, drawn by the hash of seed and mutant."""
+    """Return `count` mutants of a folder or file, drawn by the hash of seed and mutant."""
     found: list[Mutant] = []
-    for path in sorted((checkout / folder).rglob("*.py")):
+    whole = checkout / folder
+    for path in [whole] if whole.is_file() else sorted(whole.rglob("*.py")):
         found += Finder(str(path.relative_to(checkout)), path.read_bytes(), seed).found
     return sorted(found, key=lambda mutant: mutant.key)[:count]
 
@@ -366,7 +367,7 @@ class Copy:
             path.write_bytes(source)
         if not printed:
             return "timeout" if printed is None else "survived"
-        found = re.search(r"^(?:FAILED|ERROR) (\S+)", printed, re.MULTILINE)
+        found = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", printed, re.MULTILINE)
         return found.group(1) if found else "import"
 
 
@@ -415,9 +416,9 @@ def run(options: argparse.Namespace) -> dict[str, dict[str, str]]:
             kept.update([json.loads(line)])
     results: dict[str, dict[str, str]] = {}
     for folder in options.folders or ROOMS:
-        room = Path(folder).name
+        room = Path(folder).parts[1]
         mutants, copy = draw(options.checkout, folder, options.seed, options.count), None
-        results[room] = {}
+        judged = results.setdefault(room, {})
         with tempfile.TemporaryDirectory(prefix="mutate-") as temporary:
             for mutant in mutants:
                 who = kept.get(mutant.key)
@@ -432,7 +433,7 @@ def run(options: argparse.Namespace) -> dict[str, dict[str, str]]:
                         with options.keep.open("a", encoding="utf-8") as file:
                             file.write(json.dumps([mutant.key, who]) + "\n")
                 if who is not None:
-                    results[room][mutant.key] = who
+                    judged[mutant.key] = who
                     verdict = who if who in ("survived", "not called", "timeout") else f"killed by {who}"
                     print(f"{mutant.name}\n    {verdict}", flush=True)
     return results
