@@ -132,3 +132,10 @@ def test_bank_and_pitch_of_a_setpoint_have_a_bound_each(key, angle, most):
     )
     assert passes(key, q=q)
     assert not passes(key, q=beyond)
+
+
+@pytest.mark.parametrize("key", ATTITUDE)
+def test_limits_without_a_bank_permit_none(key):
+    level, banked = (quaternion_from_euler(roll=roll, pitch=0.0, yaw=0.5) for roll in (0.0, 0.01))
+    assert passes(key, LIMITS, q=level)
+    assert not passes(key, LIMITS, q=banked)

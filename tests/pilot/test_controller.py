@@ -1,16 +1,21 @@
 """Detection that the vehicle flies at the commanded speed, and the integral of its radius error. Only a copter at
 speed is assumed to fly at V."""
 
+from dataclasses import replace
+
 import pytest
 
-from circnav_mav.guidance.circle_change import CircleRequest
+from circnav_mav.guidance.circle_change import CircleLimits, CircleRequest
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, TurnCommand, TurnRate
-from circnav_mav.mav.autopilots.table import adapters
+from circnav_mav.mav.autopilots.interface import VehicleFacts
+from circnav_mav.mav.autopilots.table import AUTOPILOTS, adapters
 from circnav_mav.mav.identity import Sender
 from circnav_mav.mav.session import Session
+from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
 from circnav_mav.mission.load import parse_mission
 from circnav_mav.pilot.controller import Controller
 from circnav_mav.pilot.mission_state import Phase
+from tests.rig import MISSION
 from tests.small_mission import TEXT
 
 COMMANDED = TurnRate(-0.2)
@@ -104,3 +109,43 @@ def test_the_spacing_of_a_fleet_leaves_the_circle_and_its_changes_by_the_operato
     assert controller.change_circle(CircleRequest(offset=0.0, by="fleet"), 1.2) == ""
     assert controller.orbit.radius == controller.circle.radius
     assert "spacing by" in controller.change_circle(CircleRequest(offset=0.31 * controller.circle.radius), 2.0)
+
+
+# --- the limits of the mission in the setpoint guard: a fault of law, loop or adapter does not leave
+
+KEPT, CHANGES = CircleLimits(speed=15.0, keeps_speed=True), CircleLimits(speed=15.0)
+COPTER, PLANE, STICK = ("ardupilot", "copter"), ("px4", "plane attitude"), ("px4", "plane")
+BANK = 0.4
+"""Largest bank of the mission, rad. At 15 m/s, it turns a plane at 0.276 rad/s."""
+
+
+def setpoint_passes(key, limits, monkeypatch, *, rate=0.0, speed=15.0, adapters_bank=BANK):
+    """True if the controller returns a setpoint for a turn rate, a speed, and an adapter with a largest bank."""
+    controller = Controller(replace(MISSION, facts=VehicleFacts(15.0, max_bank=BANK), circle_limits=limits))
+    monkeypatch.setattr(Controller, "speed", speed)
+    session = Session(MISSION.link, (AUTOPILOTS[key](VehicleFacts(15.0, max_bank=adapters_bank)),))
+    session.identity.peer = Sender(1, 1, "here")
+    command = TurnCommand(TurnRate(rate), TurnRate(rate), saturated=False)
+    try:
+        return controller.setpoint(command, session, 0.0) is not None
+    except UnsafeSetpointError:
+        return False
+
+
+@pytest.mark.parametrize(
+    ("key", "limits", "inside", "outside"),
+    [
+        (COPTER, KEPT, {"rate": 0.35}, {"rate": 0.3501}),
+        (COPTER, KEPT, {"rate": -0.35}, {"rate": -0.3501}),
+        (COPTER, KEPT, {"speed": 15.0}, {"speed": 15.01}),
+        (COPTER, CHANGES, {"speed": 18.0}, {"speed": 18.01}),  # a fifth more: the most that may be requested in flight
+        (COPTER, CHANGES, {"speed": 0.0}, {"speed": -0.01}),
+        (PLANE, KEPT, {"rate": 0.35}, {"rate": 0.35, "adapters_bank": 0.42}),
+        (PLANE, KEPT, {"rate": -0.35}, {"rate": -0.35, "adapters_bank": 0.42}),
+        (STICK, KEPT, {"rate": 0.35}, {"rate": 0.35, "adapters_bank": 0.42}),
+        (STICK, KEPT, {"rate": -0.35}, {"rate": -0.35, "adapters_bank": 0.42}),
+    ],
+)  # fmt: skip
+def test_no_setpoint_leaves_that_turns_flies_or_banks_more_than_the_mission(key, limits, inside, outside, monkeypatch):
+    assert setpoint_passes(key, limits, monkeypatch, **inside)
+    assert not setpoint_passes(key, limits, monkeypatch, **outside)

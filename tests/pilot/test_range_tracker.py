@@ -39,8 +39,8 @@ def test_a_radio_of_the_missions_component_on_another_vehicle_is_not_ours():
 
 def test_a_radio_that_takes_the_place_of_another_before_the_flight_has_a_clock_of_its_own(rig):
     other = Voice(system=77, component=192)
-    for _ in range(40):
-        rig.run(0.05, mode=LOITER, ranges=False)
+    for _ in range(20):
+        rig.run(0.1, mode=LOITER, ranges=False)
         rig.hear(scattering(4000, 500_000 + round(rig.now * 1000)), voice=other)
     rig.run(6.0).run(0.5, ranges=True)
     assert rig.pilot.tracker.newest.r == pytest.approx(150.0, abs=0.02)
