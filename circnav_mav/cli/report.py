@@ -101,7 +101,10 @@ def _flat(table: dict[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
 
 
 def _figures(run: Run, mission: Mission) -> dict[str, Any]:
-    """Return a summary computed from the ticks, with the other values that the run has without summary.json."""
+    """Return a summary computed from the ticks, the truth and the manifest, as if summary.json were missing.
+
+    Only the time of engagement and the time flown come from summary.json, if it has them.
+    """
     manifest, counts = run.manifest, run.ticks.numbers
     engaged, flown = map(run.summary.get, ("engaged_s", "flown_s"))
     # newest value of an increasing count

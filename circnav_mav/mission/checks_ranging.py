@@ -68,7 +68,7 @@ def _radio(mission: Mission) -> Iterator[Check]:
 
 
 def _calibration(mission: Mission) -> Iterator[Check]:
-    """Report the calibration at the range on the circle, and check that its points cover this range."""
+    """Report the range that the radio reports on the circle, and check that the calibration points cover the circle."""
     calibration = mission.file.ranging.calibration
     if not calibration.is_set:
         return

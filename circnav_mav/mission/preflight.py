@@ -109,7 +109,8 @@ def _company(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
     second_senders = session.identity.second_senders.recent(listener.end)
     if twins := session.ignored["twin"]:
         words = (
-            f"{twins} frames of another companion with our component id {ours}: change link.component_id of one of them"
+            f"{twins} frames of another companion with our component id {ours}: "
+            "change link.component_id on one of the two companions"
         )
         yield Check(FAIL, "others", words)
     if others := session.ignored["other_vehicle"]:

@@ -132,7 +132,7 @@ CLOCK_SPEED = Condition(
     long='CLOCK: autopilot time runs {found:.2g} times as fast as ours: for a simulator set link.clock = "autopilot"',
 )
 NOT_RECORDING = Condition("not_recording", long="NOT RECORDING: {found}")
-"""Detected by the recorder: a replay does not use the flight's disk."""
+"""Detected by the recorder, because it depends on the disk of the flight, which a replay lacks."""
 EXTRA_STOPPED = Condition("extra_stopped", long="{found}")
 """Detected by `Onlookers`."""
 

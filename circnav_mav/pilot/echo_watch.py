@@ -16,7 +16,8 @@ MANY, WITHIN = 4, 5.0
 
 
 class EchoWatch:
-    """Detects reports of a turn that was not sent. Turns are yaw rates (rad/s) or banks (rad), right positive."""
+    """Detects reported turns outside the range of the turns sent recently. Turns are yaw rates (rad/s) or banks (rad),
+    right positive."""
 
     def __init__(self) -> None:
         self._sent: deque[tuple[float, float]] = deque()

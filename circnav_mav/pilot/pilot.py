@@ -238,7 +238,9 @@ class Pilot:
         session = self.session
         if session.doubled:
             ids = f"{session.encoder.system}/{self.settings.link.component_id}"
-            reason = f"another companion sends with our ids {ids}: change link.component_id of one of them"
+            reason = (
+                f"another companion sends with our ids {ids}: change link.component_id on one of the two companions"
+            )
             self._finish(Outcome(Ending.ABORTED, reason), now)
         if not self.mission.steering:
             return

@@ -65,8 +65,10 @@ class Lockstep(Clock):
         return max((self.next_event(moment) - self._paced()) / self.speed, 0.0) if isfinite(self.speed) else 0.0
 
     def advance(self, moment: float) -> None:
-        """Advance to the next event, or to `moment` if earlier, but not ahead of the pace: a signal may have ended the
-        wait early."""
+        """Advance to the next event, or to `moment` if earlier. With real links, advance to the paced time instead.
+
+        At a finite speed, do not pass the paced time: a signal may have ended the wait early.
+        """
         due = self.next_event(moment)
         if self._others:
             due = max(self._paced(), self._now)

@@ -58,7 +58,7 @@ class Cell:
 
 
 def line(cell: Cell) -> str:
-    """Return the printed line of a cell. Settling is in multiples of the Dubins time, median and 95th percentile."""
+    """Return the printed line of a cell. Settling: median and 95th percentile, in ideal times (Dubins times)."""
     need = SITUATIONS[cell.situation].required
     required = "" if need is None or cell.policy != OWN else f" (<= {need:.2f})"
     wrong = f"wrong way {cell.wrong_way}  " if cell.wrong_way else ""

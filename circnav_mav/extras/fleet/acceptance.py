@@ -1,8 +1,8 @@
 """Acceptance of frames from the fleet link, without sockets and without a clock.
 
-A datagram is accepted if it is one complete report of another member of the own group. It must be authentic, new,
-finite and within bounds. Its timestamp must agree with the own clock, and its phase with the member's earlier reports.
-Rejections are counted by reason. Repeated rejections raise an alarm for the operator.
+A datagram is accepted if it is one complete report of another member of the same group. It must be authentic, new,
+finite and within bounds. Its timestamp must agree with this member's own clock, and its phase with the sender's earlier
+reports. Rejections are counted by reason. Repeated rejections raise an alarm for the operator.
 """
 
 from collections import Counter, deque
@@ -19,7 +19,7 @@ from circnav_mav.mav.identity import spelt
 from circnav_mav.mav.signing import EPOCH, MINUTE, SECOND, Refusal, Signing, is_signed, is_signed_with
 
 CLOCK_TOLERANCE = 0.5
-"""Largest difference, s, between a timestamp and the own clock. It includes the delay of the network."""
+"""Largest difference, s, between a timestamp and this member's own clock. It includes the delay of the network."""
 SHORTEST_INTERVAL = 0.1
 """Shortest time, s, between two reports of one member: half the interval at the highest rate."""
 MOVES_AFTER = 1.5
@@ -275,8 +275,8 @@ class Acceptance:
     def _check_signing_time(self, data: bytes, now: float) -> None:
         """Raise RejectedError if the timestamp of the signature is in the future.
 
-        By the rules of MAVLink signing, the own timestamp follows the newest accepted one. A member with a wrong clock
-        would advance the timestamps of all members, and a new member with a correct clock would then be rejected.
+        By the rules of MAVLink signing, this member's own timestamp follows the newest accepted one. A member with a
+        wrong clock would advance all members' timestamps, and a new member with a correct clock would then be rejected.
         """
         if self._signing is None or self._key is None or not is_signed(data):
             return

@@ -41,7 +41,7 @@ def _color(member: int) -> str:
 
 
 def _frame(axes: Axes, tracks: Tracks, index: int, *, is_first: bool) -> None:
-    """Draw one snapshot with the fading trail of each member. The first one has the scale and the drift."""
+    """Draw one snapshot with the fading trail of each member. The first snapshot has a scale bar and a drift arrow."""
     east, north = np.array(tracks.east), np.array(tracks.north)
     since = max(index - round(TRAIL / SAMPLE_EVERY), 0)
     angle = np.linspace(0.0, LAP, 200)

@@ -166,7 +166,8 @@ def _say(place: Place, known: Knowledge) -> None:
     if not place.up_known:
         say(f"  height     {NOT_OBSERVABLE}")
     error, sigma = place.range_error(place.range_scale)
-    at = f"{error:+.2f} ±{sigma:.2f} m too long at {place.range_scale:.0f} m"
+    sign = "long" if error > 0 else "short"
+    at = f"{abs(error):.2f} ±{sigma:.2f} m too {sign} at {place.range_scale:.0f} m"
     bias = f"bias {place.bias:+.2f} ±{place.bias_sigma:.2f} m"
     scale = f"scale {1 + place.scale:.4f} ±{place.scale_sigma:.4f}" if place.scale_found else NO_SCALE
     say(f"  ranges     noise {place.noise:.2f} m; {at}")

@@ -310,7 +310,8 @@ class HandBack:
         self, now: float, *, good: bool | None, where: PositionEstimate | None, plane: Plane, target: tuple[int, int]
     ) -> Message | None:
         """Return the command to send now. good: True if the autopilot has a position, None if unknown."""
-        # An unknown status counts as a valid position: never move an autopilot that may have one.
+        # An unknown status counts as a valid position: never send a position to an autopilot that may
+        # still have its own.
         if good is None or good:
             self._lost_since, self._waits, self._open, self._lacks = None, False, False, ""
             if self.given and not self.over:

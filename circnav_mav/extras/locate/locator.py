@@ -57,7 +57,8 @@ MOST_AHEAD = 5.0
 WINDOW = 600.0
 """Length, s, of the window of positions and ranges used for the estimate."""
 MOST_KEPT = 2000
-"""Largest number of ranges kept. Above it, every second one is dropped: passing on thousands costs a tick."""
+"""Largest number of ranges kept. Above it, every second one is dropped: the pilot misses a tick when thousands are
+passed to the process that runs `locate`."""
 GONE = 10.0
 """Age of the newest heartbeat, s, after which no position is handed back."""
 AFTER = {dialect.MAVLINK_MSG_ID_ATTITUDE: 10.0, dialect.MAVLINK_MSG_ID_VFR_HUD: 5.0}
@@ -139,7 +140,7 @@ class Locator:
     # --- in ---------------------------------------------------------------------------------------------------------
 
     def on_frames(self, link: str, source: Hashable, frames: Iterable[bytes], now: float) -> None:
-        """Process complete, trusted frames after the pilot. now: s."""
+        """Handle complete, trusted frames once the pilot has handled them. now: s."""
         session, tracker = self._pilot.session, self._pilot.tracker
         if link == VEHICLE and session.peer is not None and source == session.peer.source:
             for frame in frames:
@@ -215,7 +216,9 @@ class Locator:
             self._ranges = deque(islice(self._ranges, 0, None, 2))
 
     def _look(self, east: float, north: float, up: float, time: float, now: float) -> None:
-        """Compare a position with the range and the bearing at the same time. Pass the result to the GPS watch.
+        """Compare a reported position with the newest range, if it is below 1 s old, and with the bearing at `time`.
+
+        Pass the result to the GPS watch. If the watch finds the beacon faulty, discard the place.
 
         east, north, up: m. time, now: s.
         """

@@ -23,7 +23,8 @@ RANGE_FLOOR, SPEED_FLOOR, BEARING_FLOOR = 6.0, 4.0, 0.2
 PATIENCE = 2.0
 """Time, s, for which a comparison must fail before an alarm."""
 WIND_MEMORY = 20.0
-"""Time constant of wind and gusts, s, and time before they are used; chosen, shorter than a lap."""
+"""Time constant, s, of the averages of wind and gusts. The averages are used this time after the first estimate of the
+wind. Chosen, shorter than a lap."""
 RECENT = 30.0
 """Time, s, after a failed velocity comparison for which a range error is attributed to the GPS."""
 CALM = 10.0

@@ -164,7 +164,8 @@ def lean_limit(degrees_: float, context: Context) -> Verdict:
     wind = sqrt(max(push**2 - inward**2, 0.0)) / COPTER_DRAG - context.speed
     leans = f"the copter leans {degrees_:g} deg at most"
     if wind <= 0:
-        return WARN, f"{leans}: at a drag of {COPTER_DRAG:g}/s too little for {context.speed:g} m/s even in still air"
+        words = f"too little lean for {context.speed:g} m/s even in still air (assumed drag {COPTER_DRAG:g}/s)"
+        return WARN, f"{leans}: {words}"
     words = f"{leans}: at a drag of {COPTER_DRAG:g}/s it holds {context.speed:g} m/s in wind up to {wind:.0f} m/s"
     return (PASS if wind >= COMMON_WIND else WARN), words
 
