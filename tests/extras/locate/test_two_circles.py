@@ -64,7 +64,7 @@ def test_the_second_circle_begins_after_a_lap_of_the_first_and_all_that_is_said_
     assert [circle["radius_mean_m"] for circle in summary["circles"]] == pytest.approx([100.0, 60.0], abs=2.0)
     assert summary["truth"]["radius_mean_m"] == pytest.approx(60.0, abs=2.0)
     words = verdict(summary, tmp_path)
-    assert "before     100 m" in words and "desired    60 m" in words and "WARNING" not in words
+    assert "before     circle of 100 m" in words and "desired    60 m" in words and "WARNING" not in words
     unflown = summarise(facts, run.ticks, run.truth) | {"circles": summary["circles"][:1]}
     assert "WARNING    circle of 60 m not begun" in verdict(unflown, tmp_path)
 
