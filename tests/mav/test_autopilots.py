@@ -7,9 +7,10 @@ from math import atan, cos, inf, nan, radians, sin, sqrt
 
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.guidance.types import Direction, TurnRate
-from circnav_mav.mav.autopilots.interface import SetpointContext, VehicleFacts
+from circnav_mav.mav.autopilots.interface import SetpointContext, VehicleFacts, turn_in
 from circnav_mav.mav.autopilots.parameters import Context
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
 from circnav_mav.mav.check_result import Grade
@@ -234,3 +235,34 @@ def test_a_multirotor_of_a_rare_kind_is_flown_as_a_copter(kind: int) -> None:
     rig = Rig()
     rig.hear(heartbeat(kind=kind))
     assert (rig.pilot.session.up, rig.pilot.session.adapter.name) == (True, "ardupilot copter")
+
+
+# --- the turn in a report of the flown setpoint, by which another controller is detected
+
+
+def copter_report(course: float, speed: float, turn: float, *, ignored: int = 0) -> mavlink.MAVLink_message:
+    """ArduCopter's POSITION_TARGET_LOCAL_NED on a course (rad from north) in a turn (rad/s, right positive): velocity,
+    and the acceleration to its right. Position, yaw and yaw rate are ignored."""
+    north, east = cos(course), sin(course)
+    velocity, across = (speed * north, speed * east, 0.5), (-speed * turn * east, speed * turn * north, 0.0)
+    mask = 0x07 | 0x400 | 0x800 | ignored
+    return mavlink.MAVLink_position_target_local_ned_message(0, 1, mask, 0, 0, 0, *velocity, *across, 0, 0)
+
+
+@pytest.mark.parametrize("turn", [TURN, -TURN, 0.0])
+@pytest.mark.parametrize("course", [0.0, 0.7, 2.5, -2.0])
+def test_a_copters_report_of_velocity_and_acceleration_shows_its_turn_right_positive(
+    course: float, turn: float
+) -> None:
+    assert turn_in(copter_report(course, 5.0, turn)) == pytest.approx(turn, abs=1e-6)
+    assert turn_in(copter_report(course, 0.2, 3.0)) == 0.0, "after a timeout of the setpoints it stands"
+    assert [turn_in(copter_report(course, 5.0, turn, ignored=bit)) for bit in (0x08, 0x40)] == [None, None]
+
+
+@pytest.mark.parametrize("key", sorted(set(AUTOPILOTS) - {("px4", "plane")}))
+def test_the_turn_in_a_setpoint_is_the_one_commanded(key: tuple[str, str]) -> None:
+    adapter = AUTOPILOTS[key](FACTS)
+    for turn in (TURN, -TURN, 0.0):
+        steer = Steer(yaw_rate_from_turn_rate(TurnRate(turn)), SPEED)
+        expected = atan(-turn * SPEED / 9.80665) if adapter.banks else -turn
+        assert turn_in(adapter.setpoint(steer, STATE, AT)) == pytest.approx(expected, abs=1e-6)

@@ -47,3 +47,12 @@ def test_a_condition_of_steering_ends_without_a_text_if_the_operator_takes_the_v
     assert rig.pilot.mission.phase is Phase.YIELDED
     assert list(rig.pilot.conditions.alarms) == ["range_stale"]
     assert texts(rig)[-2:] == ["range lost, holding", "taken over, GUIDED left for LOITER"]
+
+
+def test_a_vehicle_that_receives_nothing_and_one_that_sends_nothing_are_two_alarms():
+    rig = Rig().engage()
+    rig.run(3.0, round_trip=None)
+    assert {"uplink_silent", "link_silent"} & rig.pilot.conditions.alarms.keys() == {"uplink_silent"}
+    rig.run(3.0, speaks=False, ranges=False)
+    assert {"uplink_silent", "link_silent"} & rig.pilot.conditions.alarms.keys() == {"link_silent"}
+    assert rig.pilot.conditions.alarms["link_silent"].startswith("LINK SILENT for ")

@@ -72,6 +72,21 @@ def test_in_flight_the_last_height_holds_when_no_altitude_comes_and_that_is_an_a
     assert climb.height.is_held(climb.now + 2.0) is True
 
 
+@pytest.mark.parametrize(
+    ("message", "accepted"), [(vfr_hud(float("nan")), None), (vfr_hud(1e9), None), (home(530.0), 562.0)]
+)
+def test_a_message_without_an_accepted_altitude_leaves_the_height_and_does_not_hide_the_loss(message, accepted):
+    """The altitude passed with another message is an earlier one of VFR_HUD."""
+    climb = Climb(TOLD)
+    climb.height.engage()
+    assert [climb.at(560.0), climb.at(562.0)] == [60.0, 62.0]
+    for step in range(10):
+        climb.height.receive(message, accepted, climb.now + 0.2 * step)
+    assert climb.height.at(climb.now + 2.0) == 62.0
+    assert climb.height.is_held(climb.now + 2.0)
+    assert climb.at(563.0) == 63.0
+
+
 def test_an_altitude_that_jumps_in_flight_is_no_height_and_a_glitch_leaves_nothing():
     """4 m in 0.2 s are 20 m/s, and 5 m count as a jump. No vehicle climbs that fast, but a reset estimate jumps."""
     climb = Climb(ABSOLUTE)
