@@ -222,9 +222,17 @@ async def stay(history: History, port: int, away: float) -> None:
     """Wait until no browser has shown the page for `away` seconds, LONGEST_STAY is over, or the next flight needs the
     port. Its process connects to the socket `release_name`, and waits until this process has ended."""
     wanted, begun = asyncio.Event(), monotonic()
+    connections: list[asyncio.StreamWriter] = []
+
+    def ask(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        # A writer that nothing refers to is closed by Python 3.13. The next flight would take that for the end of this
+        # process, while the port is still in use.
+        connections.append(writer)
+        wanted.set()
+
     with suppress(OSError):  # the name is in use
         if (name := release_name(port)) is not None:
-            await asyncio.start_unix_server(lambda reader, writer: wanted.set(), name)
+            await asyncio.start_unix_server(ask, name)
     while not wanted.is_set() and monotonic() - history.seen < away and monotonic() - begun < LONGEST_STAY:
         with suppress(TimeoutError):
             await asyncio.wait_for(wanted.wait(), POLL)
