@@ -76,9 +76,9 @@ less is not visible."""
 
 def steady_command(ticks: Ticks, orbit: Orbit) -> Column | None:
     """Return the command that turns the vehicle at the rate of the desired circle, rad/s. None if the vehicle turns as
-    commanded, so that both are equal."""
+    commanded at the end of the flight, so that both are equal there."""
     gain = ticks.numbers["turn_gain"]
-    if not np.any(np.abs(gain - 1) > GAIN_OFF):
+    if not np.any(np.abs(gain[-1:] - 1) > GAIN_OFF):
         return None
     steady: Column = orbit.steady_turn_rate * orbit.radius / ticks.desired(orbit.radius) / gain
     return steady

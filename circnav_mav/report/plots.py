@@ -115,7 +115,10 @@ def _arrow_places(east: Column, north: Column) -> list[int]:
 
 def _legend_above(axis: Any) -> None:
     """Place the legend above the axis, where it covers no data."""
-    axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=6, fontsize=8, frameon=False, borderaxespad=0.1)
+    axis.legend(
+        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=6, fontsize=8, frameon=False, borderaxespad=0.1,
+        columnspacing=1.2, handlelength=1.6, handletextpad=0.5,
+    )  # fmt: skip
 
 
 def _steps(axis: Any, time: Column, values: Column, label: str) -> None:

@@ -40,7 +40,7 @@ def even_from(time: ArrayLike, errors: ArrayLike, since: float) -> float | None:
 
 
 def rms(values: ArrayLike) -> float | None:
-    """Return the root mean square of the known values, or None if there are none."""
+    """Return the root mean square of the finite values, or None if no value is finite."""
     known = np.asarray(values, float)
     known = known[np.isfinite(known)]
     return float(np.sqrt(np.mean(known**2))) if len(known) else None

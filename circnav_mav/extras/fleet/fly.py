@@ -184,7 +184,8 @@ def _show(flight: FleetFlight, found: FleetFigures, folder: Path) -> None:
     say(f"FLEET of {found.members} on {flight.tracks.radius:g} m")
     say(f"  on circle   all after {shown(found.all_on_circle_s, 's', 'never')}")
     say(f"  even        within 5 deg {shown(found.even_after_s, 's later', 'never')}")
-    say(f"  worst gap   {shown(found.worst_gap_deg, 'deg rms')}")
+    worst = found.worst_gap_deg if found.even_after_s is not None else None
+    say(f"  worst gap   {shown(worst, 'deg rms', 'unknown: never even')}")
     radius = "unknown: never all on the circle"
     if found.radius_rms_m is not None and found.radius_spread_m is not None:
         radius = f"{found.radius_rms_m:.1f} m rms, {found.radius_spread_m:.1f} m around the mean of each member"

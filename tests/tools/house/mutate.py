@@ -447,7 +447,7 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--keep", type=Path)
     parser.add_argument("--seconds", type=float, default=float("inf"), help="begin no mutant after this time")
-    parser.add_argument("--also", nargs="*", default=[], help="tests beside those of the room")
+    parser.add_argument("--also", nargs="*", default=[], help="tests to run in addition to those of the room")
     parser.add_argument("--checkout", type=Path, default=ROOT, help="checkout with the product")
     parser.add_argument("--tests", type=Path, help="checkout with the tests; that of the product if not given")
     options = parser.parse_args(arguments)
