@@ -35,6 +35,8 @@ PLANE = (
 COPTER = ("sim.start.north_m=50", "sim.start.east_m=-20")
 WIND = ("sim.wind.speed_mps=5",)
 LEAVER, JOINER = 3, 6
+JOINS_AT = 110.0
+"""Time at which the joiner receives its first range, s."""
 
 
 @dataclass(frozen=True)
@@ -91,8 +93,8 @@ def fly(row: Row, seed: int) -> dict[str, Any]:
         if row.event == "leave" and member == LEAVER:
             found.append("limits.duration_s=150")
         if row.event == "join" and member == JOINER:  # it waits for its first range
-            muted = '{at_s=0.0, action="mute_ranging"}, {at_s=110.0, action="unmute_ranging"}'
-            found += [f"sim.events=[{muted}]", "limits.wait_s=200", f"limits.duration_s={row.duration - 100}"]
+            muted = f'{{at_s=0.0, action="mute_ranging"}}, {{at_s={JOINS_AT}, action="unmute_ranging"}}'
+            found += [f"sim.events=[{muted}]", "link.wait_s=200", f"limits.duration_s={row.duration - 100}"]
         return found
 
     overrides = (*row.overrides, f"limits.duration_s={row.duration}", f"sim.seed={seed}")
@@ -103,6 +105,8 @@ def fly(row: Row, seed: int) -> dict[str, Any]:
                              for m in flight.members)  # fmt: skip
     found["compass_floor_deg"] = round(float(np.max(np.abs(np.diff(np.append(compass, compass[:1]))))), 2)
     found["trims"] = [round(member.fleet.spacing.trim, 4) for member in flight.members]
+    if row.event == "join" and found["even_after_s"] is not None:
+        found["even_again_s"] = round(found["all_on_circle_s"] + found["even_after_s"] - JOINS_AT, 1)
     if row.event == "leave":
         states = [row_[LEAVER - 1] for row_ in flight.tracks.state]
         first = next((k for k, s in enumerate(states) if s is State.LEAVING), None)
