@@ -10,7 +10,6 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.guidance.circle_change import CircleLimits
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
-from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.tuning import LawTuning
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.guidance.watches import Bounds
@@ -30,11 +29,9 @@ TICK = 0.05
 ORBIT = Orbit(radius=100.0, direction=Direction.CLOCKWISE, speed=15.0, max_turn_rate=0.35)
 MISSION = PilotSettings(
     orbit=ORBIT,
-    law=LawChoice("smooth", 1e-4),
     tuning=LawTuning("smooth", EstimatorSettings(15.0, 0.35), turn_lag=0.4, sigma=0.5, period=0.1, gain=1e-4),
     circle_limits=CircleLimits(speed=15.0),
     estimator="kalman",
-    estimation=EstimatorSettings(speed=15.0, max_turn_rate=0.35),
     ranging=RangingSettings(message="distance_sensor", orientation=24),
     link=LinkSettings(),
     autopilot="ardupilot",

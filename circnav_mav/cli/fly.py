@@ -80,10 +80,7 @@ def fly_mission(
             clock = start_clock(mission, pilot.session, links, speed, onlookers.pace)
             recorder.start(clock.epoch_us, at_once=isinstance(clock, Lockstep))
             onlookers.start(clock.epoch_us)
-            try:
-                write_manifest(folder, mission, pilot, clock.epoch_us)
-            except OSError as error:
-                raise Refused(f"{folder}: cannot be written: {error.strerror or error}") from None
+            write_manifest(folder, mission, pilot, clock.epoch_us)
             # With the bundled vehicle, load the plotting packages (1 s) during the flight. For a real flight, start
             # this process only at its end: a companion computer must send setpoints, and has little memory.
             drawing = Drawing(folder) if isinstance(clock, Lockstep) else None

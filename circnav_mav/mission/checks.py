@@ -36,14 +36,9 @@ def check_mission(mission: Mission) -> list[Check]:
         *(_keys, _vehicle, _estimator, _gain, _trim, _radius, _turn_rate, _acceleration),
         *(check_ranging, _drift, _margin, _signing),
     )
-    return [*(line for part in parts for line in _of_circles(mission, part)), *_laps(mission), *_of_extensions(mission)]
-
-
-def _of_extensions(mission: Mission) -> Iterator[Check]:
-    """Check the tables of extras."""
-    for extension in extensions():
-        for check in extension.checks:
-            yield from load(check)(mission)
+    lines = [line for part in parts for line in _of_circles(mission, part)]
+    of_extras = (line for extension in extensions() for check in extension.checks for line in load(check)(mission))
+    return [*lines, *_laps(mission), *of_extras]
 
 
 def _of_circles(mission: Mission, part: Callable[[Mission], Iterable[Check]]) -> Iterator[Check]:
@@ -102,10 +97,9 @@ def _estimator(mission: Mission) -> Iterator[Check]:
 def _gain(mission: Mission) -> Iterator[Check]:
     law, gain, orbit = LAWS[mission.law.name], mission.law.gain, mission.orbit
     bound = law.gain_bound(orbit.speed, orbit.radius)
-    grade = FAIL if gain <= bound else WARN if gain < WEAK * mission.default_gain else PASS
-    weak = (
-        f"; the default is {mission.default_gain:.4g}, with this gain the vehicle hardly turns" if grade is WARN else ""
-    )
+    default = mission.tuning.default_gain(orbit)
+    grade = FAIL if gain <= bound else WARN if gain < WEAK * default else PASS
+    weak = f"; the default is {default:.4g}, with this gain the vehicle hardly turns" if grade is WARN else ""
     origin = "given" if mission.file.guidance.gain else "default"
     needs = law.gain_condition + (f" = {bound:.4g}" if bound else "")
     yield Check(grade, "gain", f"{law.name}: k = {gain:.4g} {law.gain_unit} ({origin}), needs {needs}{weak}")
@@ -137,7 +131,7 @@ def _radius(mission: Mission) -> Iterator[Check]:
 
 
 def _turn_rate(mission: Mission) -> Iterator[Check]:
-    orbit, gain = mission.orbit, expected_turn_gain(mission)
+    orbit, gain = mission.orbit, mission.least_turn_gain
     needed, able = abs(orbit.steady_turn_rate), gain * orbit.max_turn_rate
     slips = "" if gain == 1 else f": turn gain {gain:g} at a command of {degrees(orbit.max_turn_rate):.2f} deg/s"
     words = f"the circle needs {degrees(needed):.2f} deg/s of the vehicle's {degrees(able):.2f} deg/s"
@@ -168,22 +162,16 @@ def _acceleration(mission: Mission) -> Iterator[Check]:
     yield Check(WARN, "acceleration", f"{words}: the path may swing; {lower}, or raise {names} (circnav params)")
 
 
-def expected_turn_gain(mission: Mission) -> float:
-    """Return the smallest expected ratio of realized to commanded turn rate."""
-    given = mission.file.vehicle.turn_gain
-    return given if isinstance(given, float) else min((one.least_turn_gain for one in mission.vehicles), default=1.0)
-
-
 def drift_allowed(mission: Mission) -> float:
     """Return the largest drift (wind minus target velocity), m/s, in which the circle can be held. Not positive if the
     circle cannot be held in still air."""
     orbit = mission.orbit
-    return tolerated_drift(orbit.speed, min(mission.radii), orbit.max_turn_rate * expected_turn_gain(mission))
+    return tolerated_drift(orbit.speed, min(mission.radii), orbit.max_turn_rate * mission.least_turn_gain)
 
 
 def _drift(mission: Mission) -> Iterator[Check]:
     """Report the drift that the circle's geometry allows, and the time to reach the circle."""
-    orbit, gain, tolerated = mission.orbit, expected_turn_gain(mission), drift_allowed(mission)
+    orbit, gain, tolerated = mission.orbit, mission.least_turn_gain, drift_allowed(mission)
     if tolerated > 0:
         rest = (
             "" if mission.file.guidance.law in DRIFT_LAWS else f"; the law {mission.law.name} does not correct for wind"

@@ -99,13 +99,13 @@ def _sampling(mission: Mission) -> Iterator[Check]:
 
 def _noise(mission: Mission) -> Iterator[Check]:
     orbit, file = mission.orbit, mission.file
-    steady = mission.steady_estimate
+    steady = mission.tuning.steady_estimate(orbit.radius)
     share = steady.r_dot_sigma / orbit.speed
     error = f"estimated range rate ±{steady.r_dot_sigma:.2f} m/s at a range noise of {file.ranging.sigma_m:g} m"
     words = f"{error}, {100 * share:.0f} % of the speed (at most 50 %), {steady.lag:.2f} s late"
     yield Check(graded(share, warn_above=0.2, fail_above=0.5), "rate error", words)
     if mission.law.name == "smooth":
-        loop = 2 * mission.law.gain * orbit.radius * orbit.speed * mission.loop_lag
+        loop = 2 * mission.law.gain * orbit.radius * orbit.speed * mission.tuning.loop_lag(orbit.radius)
         lags = f"turn lag {file.vehicle.turn_lag_s:g} s + filter lag {steady.lag:.2f} s"
         words = f"2 k r_d V ({lags}) = {loop:.2f}: above {LOOP_BOUND:g} the radius oscillates"
         yield Check(graded(loop, warn_above=LOOP_BOUND, fail_above=4 * LOOP_BOUND), "damping", words)

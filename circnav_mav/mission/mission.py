@@ -5,7 +5,6 @@ from math import inf, radians, tan
 
 from circnav_mav.guidance.circle_change import CircleLimits
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
-from circnav_mav.guidance.estimators.range_rate import SteadyState
 from circnav_mav.guidance.estimators.table import default_estimator
 from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.tuning import LawTuning
@@ -93,24 +92,9 @@ class Mission:
         return self.tuning.choice(self.orbit)
 
     @property
-    def default_gain(self) -> float:
-        """Default gain of the law for the first circle and the delay of this loop."""
-        return self.tuning.default_gain(self.orbit)
-
-    @property
     def estimator(self) -> str:
         """Name of the estimator: the file's, or the law's default."""
         return self.file.guidance.estimator or default_estimator(self.file.guidance.law)
-
-    @property
-    def loop_lag(self) -> float:
-        """Delay from a change of range rate to the vehicle's turn, s: filter lag and turn lag."""
-        return self.tuning.loop_lag(self.orbit.radius)
-
-    @property
-    def steady_estimate(self) -> SteadyState:
-        """Noise and lag of the range rate on the circle."""
-        return self.tuning.steady_estimate(self.orbit.radius)
 
     @property
     def estimation(self) -> EstimatorSettings:
@@ -182,19 +166,27 @@ class Mission:
         """Adapters of the vehicles that may be flown. Empty if the requested vehicle is not supported."""
         return tuple(allowed(*self.vehicle_key).values())
 
+    @property
+    def least_turn_gain(self) -> float:
+        """Smallest expected ratio of realized to commanded turn rate."""
+        given = self.file.vehicle.turn_gain
+        return given if isinstance(given, float) else min((one.least_turn_gain for one in self.vehicles), default=1.0)
+
     def pilot_settings(self, output_mode: OutputMode = OutputMode.FLY) -> PilotSettings:
         """Return the settings of the pilot. Raises ValueError for a gain without a radius correction."""
         file = self.file
         return PilotSettings(
             orbit=self.orbit,
-            law=self.law,
             estimator=self.estimator,
-            estimation=self.estimation,
             ranging=self._ranging(),
             link=LinkSettings(file.vehicle.system_id, file.link.component_id),
             autopilot=self.vehicle_key[0],
             kind=self.vehicle_key[1],
-            facts=self._facts(),
+            facts=VehicleFacts(
+                speed=file.vehicle.speed_mps,
+                max_bank=radians(file.vehicle.max_bank_deg or 0.0),
+                trim_thrust=file.vehicle.loops.trim_thrust,
+            ),
             bounds=Bounds(
                 closest=file.bounds.min_range_m,
                 farthest=self.farthest,
@@ -203,7 +195,6 @@ class Mission:
                 battery=file.bounds.min_battery_percent,
             ),
             turn_gain=None if file.vehicle.turn_gain == "learn" else file.vehicle.turn_gain,
-            turn_lag=file.vehicle.turn_lag_s,
             radius_trim=file.guidance.radius_trim_per_s,
             timing=Timing(
                 duration=file.limits.duration_s,
@@ -236,14 +227,13 @@ class Mission:
 
     def _circle_limits(self) -> CircleLimits:
         """Return the limits of a change of the circle in flight."""
-        bounds, given = self.file.bounds, self.file.vehicle.turn_gain
-        gains = [given] if isinstance(given, float) else [one.least_turn_gain for one in self.vehicles]
+        bounds = self.file.bounds
         return CircleLimits(
             speed=self.orbit.speed,
             nearest=bounds.min_range_m or 0.0,
             farthest=min(bounds.max_range_m or inf, self.max_range),
             keeps_speed=any(one.cruises for one in self.vehicles),
-            turn_gain=min(gains, default=1.0),
+            turn_gain=self.least_turn_gain,
         )
 
     def _unsigned_links(self) -> frozenset[str]:
@@ -257,11 +247,3 @@ class Mission:
         given = self.file.ranging.model_dump(exclude={"endpoint", *calibration})
         most = max(MOST_NOISE * min(self.radii), 3 * self.file.ranging.sigma_m)
         return RangingSettings(**given, max_age=self.stale, max_sigma=most, calibration=self.file.ranging.calibration)
-
-    def _facts(self) -> VehicleFacts:
-        vehicle = self.file.vehicle
-        return VehicleFacts(
-            speed=vehicle.speed_mps,
-            max_bank=radians(vehicle.max_bank_deg or 0.0),
-            trim_thrust=vehicle.loops.trim_thrust,
-        )

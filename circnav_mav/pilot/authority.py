@@ -112,11 +112,6 @@ class Authority:
 
     # --- conditions of an engagement --------------------------------------------------------------------------------
 
-    def may_engage(self, now: float) -> bool:
-        """True if the vehicle may be steered from now on. Always true in a dry run. Not used while steering: a slow
-        link or a landing does not end a flight."""
-        return not self._flies or not self.obstacle(now)
-
     def obstacle(self, now: float) -> str:
         """Return the condition that must be met before the vehicle is engaged, as a text. Empty if none is missing."""
         vehicle, guided = self._session.vehicle, self._session.adapter.guided_name

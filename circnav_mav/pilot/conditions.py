@@ -281,7 +281,10 @@ TABLE = (
     ),
     Condition(
         "bank_limit",
-        lambda p, now: (limit := p.controller.bank_limit) and p.own and degrees(atan(limit * p.own.airspeed / GRAVITY)),
+        lambda p, now: (
+            (turn := p.controller.answer.bank_limit.bank) < inf and p.own
+            and degrees(atan(turn * p.own.airspeed / GRAVITY))
+        ),
         short="vehicle banks {found:.0f} deg at most", once=True, severity=NOTICE,
     ),
     Condition(

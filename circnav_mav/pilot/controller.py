@@ -1,14 +1,13 @@
 """From an estimate to a setpoint message: law, turn-rate gain, setpoint guard, adapter of the vehicle."""
 
 from dataclasses import replace
-from math import ceil, isfinite
+from math import ceil
 
 from circnav_mav.guidance.circle_change import MIN_INTERVAL, NEAR, SPEED_SHARE, CircleRequest, LapCounter, obstacle
 from circnav_mav.guidance.closed_loop import ClosedLoop
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.lean_limit import LeanLimit
 from circnav_mav.guidance.turn_answer import LearnedResponse
-from circnav_mav.guidance.turn_response import Response
 from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, TurnCommand, TurnRate
 from circnav_mav.mav.autopilots.interface import SetpointContext
 from circnav_mav.mav.codec import Message
@@ -46,9 +45,10 @@ class Controller:
         self._spacing = 0.0, 1.0
         """Radius offset, m, and speed factor of the spacing in a fleet."""
         self._tuning = settings.tuning
-        lag, gain, link = settings.turn_lag, settings.turn_gain, settings.timing.tick
-        self._answer = LearnedResponse(lag, orbit.max_turn_rate, gain=gain, link=link)
-        self._loop = ClosedLoop(orbit, settings.law, self._answer, settings.radius_trim)
+        lag, gain, link = settings.tuning.turn_lag, settings.turn_gain, settings.timing.tick
+        self.answer = LearnedResponse(lag, orbit.max_turn_rate, gain=gain, link=link)
+        """Response of the vehicle to turn commands, and its limits, as used now."""
+        self._loop = ClosedLoop(orbit, settings.tuning.choice(orbit), self.answer, settings.radius_trim)
         self._later, self._laps = list(settings.later_radii), LapCounter()
         self._changed_at = self._spaced_at = float("-inf")
         self._guard = SetpointGuard(
@@ -59,7 +59,7 @@ class Controller:
                 max_stick=ceil(facts.stick(facts.max_bank)),
             )
         )
-        self.turns = self._answer.monitor
+        self.turns = self.answer.monitor
         """Compares commanded and flown turns, and detects that they differ or oscillate."""
         self._followed_at = self._slow_at = float("-inf")
         self._height: float | None = None
@@ -79,45 +79,24 @@ class Controller:
         return self._tuning.law
 
     @property
-    def turn_gain(self) -> float:
-        """Ratio of realized to commanded turn rate, as used now."""
-        return self._answer.gain
-
-    @property
-    def most_turn(self) -> float:
-        """Turn rate that the vehicle reaches, rad/s."""
-        return self._answer.most
-
-    @property
-    def bank_limit(self) -> float | None:
-        """Turn rate at the largest bank that the vehicle flies, rad/s, or None while it follows its commands."""
-        found = self._answer.bank_limit.bank
-        return found if isfinite(found) else None
-
-    @property
     def speed(self) -> float:
         """Speed to command, m/s: V, reduced by the lean limit of a copter."""
         return self.orbit.speed * self.lean.share
 
     @property
-    def response(self) -> Response:
-        """Response of the vehicle to turn commands, as used now."""
-        return self._answer.response
-
-    @property
     def followed(self) -> bool:
         """True if the vehicle turns as commanded."""
-        return bool(self._answer.command_gain.followed)
+        return bool(self.answer.command_gain.followed)
 
     @property
     def at_speed(self) -> bool:
         """True if the vehicle has followed its commands for long enough to have the commanded speed."""
-        now = float(self._answer.command_gain.time)
+        now = float(self.answer.command_gain.time)
         return now - self._followed_at <= DOUBTED_AFTER and now - self._slow_at >= SPEED_UP - SAME_TIME
 
     def on_motion(self, own: OwnMotion, nose: OwnMotion) -> None:
         """Update turn-rate gain, delay and `followed` from the vehicle's heading. nose: motion as reported."""
-        before = self._answer.command_gain.time
+        before = self.answer.command_gain.time
         if not self._loop.on_motion(own, nose):
             return
         if self.at_speed:
@@ -134,13 +113,13 @@ class Controller:
     ) -> TurnCommand | None:
         """Return the turn command: the law's while engaged, the circle's turn rate while holding, else None.
         round_trip: of the link, s."""
-        self._answer.link = min(self._settings.timing.tick if round_trip is None else round_trip, LONGEST_DELAY)
+        self.answer.link = min(self._settings.timing.tick if round_trip is None else round_trip, LONGEST_DELAY)
         if phase is Phase.HOLDING:
             return self._loop.hold(estimate, now)
         if phase is not Phase.ENGAGED or estimate is None:
             return None
         command = self._loop.command(estimate, now)
-        if self._later and self._laps.complete(estimate, self.orbit, TurnRate(command.turn_rate * self.turn_gain)):
+        if self._later and self._laps.complete(estimate, self.orbit, TurnRate(command.turn_rate * self.answer.gain)):
             self.change_circle(CircleRequest(radius=self._later.pop(0), by="mission"), now)
         return command
 
@@ -192,7 +171,7 @@ class Controller:
 
     def commanded(self, sent: YawRate, now: float) -> None:
         """Expect the vehicle's reaction to a yaw rate that was sent."""
-        self._answer.command(now, turn_rate_from_yaw_rate(sent))
+        self.answer.command(now, turn_rate_from_yaw_rate(sent))
 
     def safe_setpoint(self, session: Session, now: float, *, engaged: bool = True) -> Message:
         """Return the vehicle's safe setpoint. engaged: hold the height of the engagement. Raises

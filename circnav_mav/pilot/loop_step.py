@@ -49,11 +49,9 @@ def requests_text(requests: list[CircleRequest]) -> str:
 
 
 def requests_from(text: str) -> list[CircleRequest]:
-    """Return the requests in a cell of steps.csv. Raises ValueError if the recorder cannot have written the cell."""
-    try:
-        return [
-            CircleRequest(radius, direction and Direction(direction), speed, by, *spacing)
-            for radius, direction, speed, by, *spacing in (json.loads(text) if text else ())
-        ]
-    except TypeError as error:
-        raise ValueError(error) from None
+    """Return the requests in a cell of steps.csv. Raises ValueError or TypeError if the recorder cannot have written
+    the cell."""
+    return [
+        CircleRequest(radius, direction and Direction(direction), speed, by, *spacing)
+        for radius, direction, speed, by, *spacing in (json.loads(text) if text else ())
+    ]

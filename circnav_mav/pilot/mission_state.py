@@ -60,11 +60,6 @@ TRANSITIONS: dict[tuple[Phase, Event], Phase] = {
 """Phase after each pair of phase and event. Pairs that are not listed keep the phase."""
 
 
-def advance(phase: Phase, event: Event) -> Phase:
-    """Return the phase after an event."""
-    return TRANSITIONS.get((phase, event), phase)
-
-
 class Ending(Enum):
     """Kinds of ending of a flight."""
 
@@ -139,15 +134,11 @@ class MissionState:
 
     def happened(self, event: Event, now: float) -> bool:
         """Apply an event. Return True if it changed the phase."""
-        before, self.phase = self.phase, advance(self.phase, event)
+        before, self.phase = self.phase, TRANSITIONS.get((self.phase, event), self.phase)
         if self.phase is before:
             return False
         self.since = now
         return True
-
-    def step(self, now: float) -> None:
-        """Record the time of the first step."""
-        self.started = now if self.started is None else self.started
 
     def engage(self, now: float) -> None:
         """Begin to steer the vehicle, for the first time or again."""
@@ -160,11 +151,6 @@ class MissionState:
         if self.steering:
             self.lost_at = now
         self.happened(Event.LINK_LOST, now)
-
-    def yield_to_operator(self, now: float) -> None:
-        """Handle a takeover. The time limit of a lost link no longer applies."""
-        self.lost_at = None
-        self.happened(Event.MODE_LEFT, now)
 
     def finish(self, outcome: Outcome, now: float, *, ours: bool) -> bool:
         """End the mission. Return True for the first reason, which becomes the outcome. ours: True if the vehicle must

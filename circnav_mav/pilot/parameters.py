@@ -19,69 +19,57 @@ LONGEST_HOLD = 600.0
 BY = "ground station"
 
 
-class FlightParameters:
-    """Radius, direction, speed, height, law, hold time and exit action of a flight."""
+def flight_parameters(
+    controller: Controller, height: Height, exits: ExitAction, session: Session, mission: MissionState
+) -> tuple[Parameter, ...]:
+    """Return radius, direction, speed, height, law, hold time and exit action of a flight, in the order of their
+    indices."""
+    laws, actions = list(LAWS), (None, *MISSION_EXITS)
 
-    def __init__(self, controller: Controller, height: Height, exit_action: ExitAction, session: Session,
-                 mission: MissionState) -> None:  # fmt: skip
-        self._controller, self._height, self._exit, self._session = controller, height, exit_action, session
-        self._mission = mission
-
-    def all(self) -> tuple[Parameter, ...]:
-        """Return the parameters in the order of their indices."""
-        controller = self._controller
-        return (
-            Parameter("CN_RADIUS", lambda: controller.circle.radius, self._set_radius),
-            Parameter("CN_DIRECTION", lambda: -controller.circle.direction.turn_sign, self._set_direction),
-            Parameter("CN_SPEED", lambda: controller.circle.speed, self._set_speed),
-            Parameter("CN_HEIGHT", self._read_height, self._set_height),
-            Parameter("CN_LAW", lambda: list(LAWS).index(controller.law), self._set_law),
-            Parameter("CN_HOLD", lambda: self._mission.hold, self._set_hold),
-            Parameter("CN_EXIT", self._read_exit, self._set_exit),
-        )
-
-    def _set_radius(self, value: float, now: float) -> str:
-        return self._controller.change_circle(CircleRequest(radius=value, by=BY), now)
-
-    def _set_direction(self, value: float, now: float) -> str:
+    def set_direction(value: float, now: float) -> str:
         if value not in DIRECTIONS:
             return f"{value:g} is not 1 (clockwise) or -1 (counterclockwise)"
-        return self._controller.change_circle(CircleRequest(direction=DIRECTIONS[value], by=BY), now)
+        return controller.change_circle(CircleRequest(direction=DIRECTIONS[value], by=BY), now)
 
-    def _set_speed(self, value: float, now: float) -> str:
-        return self._controller.change_circle(CircleRequest(speed=value, by=BY), now)
-
-    def _read_height(self) -> float:
-        height = self._height.newest
-        return nan if height is None else height
-
-    def _set_height(self, value: float, now: float) -> str:
+    def set_height(value: float, now: float) -> str:
         if value < 0:
             return f"{value:g} m is below 0: give the height above the target"
-        return self._height.set(value, now)
+        return height.set(value, now)
 
-    def _set_law(self, value: float, now: float) -> str:
-        laws = list(LAWS)
+    def set_law(value: float, now: float) -> str:
         if value not in range(len(laws)):
             return f"{value:g} is not a law: " + ", ".join(f"{index} {name}" for index, name in enumerate(laws))
-        return self._controller.change_law(laws[int(value)])
+        return controller.change_law(laws[int(value)])
 
-    def _set_hold(self, value: float, now: float) -> str:
+    def set_hold(value: float, now: float) -> str:
         if not 0 <= value <= LONGEST_HOLD:
             return f"{value:g} s outside 0 to {LONGEST_HOLD:g} s"
-        self._mission.hold = value
+        mission.hold = value
         return ""
 
-    def _read_exit(self) -> float:
-        return 0.0 if self._exit.action is None else 1.0 + MISSION_EXITS.index(self._exit.action)
-
-    def _set_exit(self, value: float, now: float) -> str:
-        actions, adapter = (None, *MISSION_EXITS), self._session.adapter
+    def set_exit(value: float, now: float) -> str:
         if value not in range(len(actions)):
             return f"{value:g} is not an exit action: 0 to {len(actions) - 1}"
-        action = actions[int(value)]
-        able = action in (None, *adapter.exits) or (action == "stop" and not adapter.why_no_stop)
-        if not able:
+        action, adapter = actions[int(value)], session.adapter
+        if action not in (None, *adapter.exits) and (action != "stop" or adapter.why_no_stop):
             return f"{adapter.name} has no exit action {action}"
-        self._exit.action = action
+        exits.action = action
         return ""
+
+    return (
+        Parameter(
+            "CN_RADIUS",
+            lambda: controller.circle.radius,
+            lambda value, now: controller.change_circle(CircleRequest(radius=value, by=BY), now),
+        ),
+        Parameter("CN_DIRECTION", lambda: -controller.circle.direction.turn_sign, set_direction),
+        Parameter(
+            "CN_SPEED",
+            lambda: controller.circle.speed,
+            lambda value, now: controller.change_circle(CircleRequest(speed=value, by=BY), now),
+        ),
+        Parameter("CN_HEIGHT", lambda: nan if height.newest is None else height.newest, set_height),
+        Parameter("CN_LAW", lambda: laws.index(controller.law), set_law),
+        Parameter("CN_HOLD", lambda: mission.hold, set_hold),
+        Parameter("CN_EXIT", lambda: actions.index(exits.action), set_exit),
+    )

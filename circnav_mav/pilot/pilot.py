@@ -29,7 +29,7 @@ from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.controller import Controller
 from circnav_mav.pilot.mission_state import NO_FAILURE, Ending, Event, MissionState, Outcome, Phase
 from circnav_mav.pilot.mode_request import ExitAction
-from circnav_mav.pilot.parameters import FlightParameters
+from circnav_mav.pilot.parameters import flight_parameters
 from circnav_mav.pilot.range_tracker import RangeTracker
 from circnav_mav.pilot.rates import RateMeter, Rates
 from circnav_mav.pilot.record import TickRecord, plot_values, tick_record
@@ -64,7 +64,7 @@ class Pilot:
         self._authority = Authority(settings, session, self.mission)
         self._exit_action = ExitAction(settings.exit)
         self.parameters = ParameterServer(
-            FlightParameters(self.controller, self.tracker.height, self._exit_action, session, self.mission).all()
+            flight_parameters(self.controller, self.tracker.height, self._exit_action, session, self.mission)
         )
         """Parameters that a ground station may read and set."""
         self._signed = signing is not None and VEHICLE not in settings.unsigned_links
@@ -161,10 +161,12 @@ class Pilot:
         """
         if self._authority.stepped(now):
             self.tracker.fresh = False
-        if not self._due(now):
+        # In LEAVING, safe setpoints are sent at ticks only, not at ranges.
+        answers = self.tracker.fresh and self.mission.phase is not Phase.LEAVING
+        if self.done or not (answers or now >= self.scheduler.due):
             return
         self.tracker.fresh = False
-        self.mission.step(now)
+        self.mission.started = now if self.mission.started is None else self.mission.started
         self._watch_link(now)
         self._watch_takeover(now)
         if (outcome := self.status.overdue(now)) is not None:
@@ -189,14 +191,9 @@ class Pilot:
             send(rest)
         record = tick_record(
             now, phase, estimate, command, yaw_rate if was_sent else None, desired=desired, session=self.session,
-            tracker=self.tracker, controller=self.controller, law=self.settings.law.name,
+            tracker=self.tracker, controller=self.controller, law=self.settings.tuning.law,
         )  # fmt: skip
         self._records.append(record)
-
-    def _due(self, now: float) -> bool:
-        """True if this step must run. In LEAVING, safe setpoints are sent at ticks only, not at ranges."""
-        answers = self.tracker.fresh and self.mission.phase is not Phase.LEAVING
-        return not self.done and (answers or now >= self.scheduler.due)
 
     # --- changes of phase
 
@@ -222,7 +219,8 @@ class Pilot:
             self.tracker.estimator.reset()
         if takeover is None:
             return
-        self.mission.yield_to_operator(now)
+        self.mission.lost_at = None  # the time limit of a lost link no longer applies
+        self.mission.happened(Event.MODE_LEFT, now)
         self.session.drop_mode_requests()
         self.controller.disengage()
         self.tracker.ranging.sender_stays = False
@@ -276,7 +274,8 @@ class Pilot:
     def _watch_engagement(self, now: float) -> None:
         if self.mission.steering or self.mission.phase is Phase.LEAVING or not self._authority.certain:
             return
-        engages = self._authority.may_engage(now)
+        # A dry run always engages. Obstacles are not checked while steering: a slow link or a landing ends no flight.
+        engages = not self.flies or not self._authority.obstacle(now)
         if engages and self.mission.phase is Phase.YIELDED:
             self.mission.happened(Event.MODE_OURS, now)
         elif engages and self.mission.phase is Phase.READY:
@@ -359,7 +358,7 @@ class Pilot:
     def _watch_conditions(self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float) -> None:
         """Update the table of conditions and its inputs."""
         tracker, controller = self.tracker, self.controller
-        self.drift_alarm = watch_drift(self.drift_alarm, estimate, controller.orbit, controller.most_turn)
+        self.drift_alarm = watch_drift(self.drift_alarm, estimate, controller.orbit, controller.answer.most)
         if command is not None and command.flies:
             self.law, self.why = command.flies, command.why
         self._silent_at = now if self.session.heartbeat_age(now) > SILENT else self._silent_at

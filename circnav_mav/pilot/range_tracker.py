@@ -51,7 +51,7 @@ class RangeTracker:
         slower = no_link_delay if self._apart else session.timesync.slower
         self.ranging = RangeReader(settings.ranging, self.noise, slower)
         self.rates = RangeRateReader(settings.ranging, self.ranging, NoiseCheck.of_rates(speed, max_turn_rate), speed)
-        self.estimator = ESTIMATORS[settings.estimator](settings.estimation)
+        self.estimator = ESTIMATORS[settings.estimator](settings.tuning.estimation)
         self._thinning = Thinning(THINNED * settings.timing.tick)
         self.jumps = JumpGate(speed, JUMP * settings.orbit.radius)
         self.newest: RangeSample | None = None

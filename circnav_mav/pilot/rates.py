@@ -33,23 +33,18 @@ class RateMeter:
         self.newest: Rates | None = None
         self.whole: Rates | None = None
         self.while_steering: Rates | None = None
-        self._counts: deque[tuple[float, Rates]] = deque()
-        self._steered_since: float | None = None
+        self._counts: deque[tuple[float, Rates, bool]] = deque()
+        """Time, counts, and True if the vehicle was steered then."""
 
     def take(self, now: float, counts: Rates, *, steering: bool) -> None:
         """Add the current counts."""
         kept = self._counts
-        kept.append((now, counts))
+        kept.append((now, counts, steering))
         while len(kept) > 2 and now - kept[1][0] >= RATE_SPAN:
             kept.popleft()
-        then, before = kept[0]
+        then, before, _ = kept[0]
         span = now - then
         if span > 0:
             self.newest = Rates(*((count - earlier) / span for count, earlier in zip(counts, before, strict=True)))
-        if not steering:
-            self._steered_since = None
-        elif self._steered_since is None:
-            self._steered_since = now
-        steered = self._steered_since is not None and now - self._steered_since > RATE_SPAN
         self.whole = self.newest if span >= RATE_SPAN else None
-        self.while_steering = self.whole if steered else None
+        self.while_steering = self.whole if all(steered for *_, steered in kept) else None

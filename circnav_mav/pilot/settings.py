@@ -4,8 +4,6 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from circnav_mav.guidance.circle_change import CircleLimits
-from circnav_mav.guidance.estimators.interface import EstimatorSettings
-from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.tuning import LawTuning
 from circnav_mav.guidance.types import Orbit
 from circnav_mav.guidance.watches import Bounds
@@ -49,23 +47,21 @@ class HeightSettings:
 class PilotSettings:
     """Settings of a mission, in SI units and radians.
 
-    autopilot, kind: keys of the adapter table ("auto", None: as received). turn_gain: ratio of realized to commanded
-    turn rate, None to learn it in flight. turn_lag: delay of the vehicle's turn, s. radius_trim: rate of the radius
-    integral, 1/s. request_mode: request the guided mode (else wait until the operator enters it). end_on_takeover: a
-    takeover ends the mission (else it waits until the operator gives control back). exit: name of the exit action,
-    None for the autopilot's default. ranging_apart: the radio has a separate link. stream_links: links that are byte
-    streams (TCP, serial), not datagrams. unsigned_links: links on which unsigned frames are accepted despite a signing
-    key. height: height above the target. later_radii: radii of the circles after the first, m. tuning: the law on any
-    circle. circle_limits: limits of a change of the circle. unsigned_parameters: accept PARAM_SET on a link that is not
+    tuning: the law on any circle. autopilot, kind: keys of the adapter table ("auto", None: as received).
+    turn_gain: ratio of realized to commanded turn rate, None to learn it in flight. radius_trim: rate of the radius
+    integral, 1/s. request_mode: request the guided mode (else wait until the operator enters it). end_on_takeover:
+    a takeover ends the mission (else it waits until the operator gives control back). exit: name of the exit
+    action, None for the autopilot's default. ranging_apart: the radio has a separate link. stream_links: links that
+    are byte streams (TCP, serial), not datagrams. unsigned_links: links on which unsigned frames are accepted
+    despite a signing key. height: height above the target. later_radii: radii of the circles after the first, m.
+    circle_limits: limits of a change of the circle. unsigned_parameters: accept PARAM_SET on a link that is not
     signed.
     """
 
     orbit: Orbit
-    law: LawChoice
     tuning: LawTuning
     circle_limits: CircleLimits
     estimator: str
-    estimation: EstimatorSettings
     ranging: RangingSettings
     link: LinkSettings
     autopilot: str
@@ -74,7 +70,6 @@ class PilotSettings:
     timing: Timing
     bounds: Bounds
     turn_gain: float | None = 1.0
-    turn_lag: float = 0.4
     radius_trim: float = 0.0
     request_mode: bool = False
     end_on_takeover: bool = True

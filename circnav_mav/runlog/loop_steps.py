@@ -24,8 +24,6 @@ from circnav_mav.pilot.loop_step import HELD_BACK, OLD_STEPS, STEPS, LoopStep, r
 from circnav_mav.runlog.tlog import message_id, read_tlog, read_unbroken
 
 LINKS = {"v": "vehicle", "r": "ranging"}
-MOST_FRAMES = 10_000
-"""Upper bound of the frames in one datagram of any size."""
 DISORDER = 100_000
 """Largest step back of a timestamp, us, that is disorder of a logger's two threads, not a clock that was set."""
 USUAL = 1_000_000
@@ -49,7 +47,7 @@ def recorded_steps(folder: Path) -> Iterator[LoopStep]:
             next(rows, ())
             for row in rows:
                 yield _step(row, frames)
-        except (ValueError, KeyError, csv.Error):
+        except (ValueError, TypeError, KeyError, csv.Error):
             # Frames are assigned to steps by their count. After a damaged line, the assignment is unknown.
             return
 
@@ -65,7 +63,7 @@ def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
     row or missing frames."""
 
     def take(count: int) -> list[bytes]:
-        taken = list(islice(frames, min(count, MOST_FRAMES)))
+        taken = list(islice(frames, count))
         if len(taken) < count:
             raise ValueError("the log ends")
         return taken

@@ -3,52 +3,17 @@
 import csv
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ValidationError, create_model
-
 from circnav_mav.foreign import printable, read_json, read_text
-from circnav_mav.mission.problems import in_words
-from circnav_mav.runlog.summary import FlightFacts
 from circnav_mav.runlog.ticks import Ticks, Truth, read_ticks, read_truth
 from circnav_mav.runlog.tlog import Damage, find_damage
 
 YEAR_2100_US = 4_102_444_800_000_000
 """Start of 2100, microseconds since 1970. A later start time means a damaged manifest."""
-
-
-class _Autopilot(BaseModel, strict=True):
-    """Values of the autopilot in manifest.json that are read back."""
-
-    system: int | None = None
-
-
-class _Manifest(BaseModel, strict=True):
-    """Values of manifest.json that are read back. Their types are checked, because a user may have edited the file."""
-
-    mission: str | None = None
-    output_mode: str | None = None
-    outcome: str | None = None
-    reason: str | None = None
-    seeds: dict[str, Any] | None = None
-    versions: dict[str, Any] | None = None
-    autopilot: _Autopilot | None = None
-
-
-class _Alarm(BaseModel, strict=True):
-    """Alarm in summary.json."""
-
-    time_s: float
-    text: str
-
-
-_read_back: dict[str, Any] = {field.name: (field.type, None) for field in fields(FlightFacts) if field.name != "orbit"}
-_read_back |= {"flown_s": (float, 0.0), "alarms": (list[_Alarm], []), "notes": (list[str], [])}
-_Summary = create_model("_Summary", __cls_kwargs__={"strict": True}, **_read_back)
-"""Values of summary.json that are read back, with their types in a flight."""
 
 
 class RunError(Exception):
@@ -121,8 +86,6 @@ def open_run(folder: Path) -> Run:
         manifest.setdefault("output_mode", manifest.pop("voice"))
     with suppress(RunError):  # its figures can be computed again
         summary = _table(folder / "summary.json")
-    _check_types(folder / "manifest.json", manifest, _Manifest)
-    _check_types(folder / "summary.json", summary, _Summary)
     epoch = manifest.get("epoch_us") or summary.get("epoch_us")
     if type(epoch) is not int or not 0 < epoch < YEAR_2100_US:
         raise RunError(f"{folder}: neither manifest.json nor summary.json has the start time of the run (epoch_us)")
@@ -138,21 +101,11 @@ def _table(path: Path) -> dict[str, Any]:
         return table if isinstance(table, dict) else {}
 
 
-def _check_types(path: Path, table: dict[str, Any], schema: type[BaseModel]) -> None:
-    """Check the types of the values that are read back. Raises RunError that names file and key."""
-    try:
-        schema.model_validate(table)
-    except ValidationError as error:
-        raise RunError(f"{path}: {in_words(error, schema)}: correct it, or delete the file") from None
-
-
 @contextmanager
 def _refusing(path: Path) -> Iterator[None]:
     """Convert errors of reading a file to RunError, with a one-line message."""
     try:
         yield
-    except RecursionError:
-        raise RunError(f"{path}: is nested too deeply") from None
     except UnicodeDecodeError:
         raise RunError(f"{path}: is not a text file in UTF-8: save it as one") from None
     except (OSError, ValueError, csv.Error) as error:

@@ -4,7 +4,7 @@ An onlooker receives every step of the loop, and an error in it never ends the f
 is a request for another circle, which the pilot checks. An import contract denies that to extras that use positions.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -110,51 +110,35 @@ class Onlookers:
     def start(self, epoch_us: int) -> None:
         """Start every onlooker. epoch_us: Unix time of run time zero, us."""
         for onlooker in self.attached:
-            self._guarded(onlooker, _at(0.0), onlooker.start, epoch_us)
+            self._guarded(onlooker, " at 0.0 s", onlooker.start, epoch_us)
 
     def on_step(
         self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None, *, called_off: bool = False
     ) -> list[bytes]:
         """Pass a step to every onlooker. Return the frames to send to the vehicle."""
-        frames: list[bytes] = []
         for onlooker in self._working():
             onlooker.called_off = called_off
-            frames += self._guarded(onlooker, _at(step.time), onlooker.on_step, newest, step, recording_problem) or ()
-        return frames
+        return self._all(step.time, "on_step", newest, step, recording_problem)
 
     def take_exchanged(self, now: float) -> list[bytes]:
         """Return the frames that onlookers exchanged with other systems than the vehicle, for the recorder."""
-        frames: list[bytes] = []
-        for onlooker in self._working():
-            frames += self._guarded(onlooker, _at(now), onlooker.take_exchanged) or ()
-        return frames
+        return self._all(now, "take_exchanged")
 
     def circle_requests(self, now: float) -> list[CircleRequest]:
         """Return the requests of all onlookers for another circle."""
-        requests: list[CircleRequest] = []
-        for onlooker in self._working():
-            requests += self._guarded(onlooker, _at(now), onlooker.circle_requests, now) or ()
-        return requests
+        return self._all(now, "circle_requests", now)
 
     def facts(self, now: float) -> dict[str, str]:
         """Return the lines of all onlookers, by label."""
-        lines: dict[str, str] = {}
-        for onlooker in self._working():
-            lines |= self._guarded(onlooker, _at(now), onlooker.facts, now) or {}
-        return lines
+        return dict(self._all(now, "facts", now, by=Mapping.items))
 
     def vehicles(self, now: float) -> list[OtherVehicle]:
         """Return the other vehicles known to all onlookers."""
-        found: list[OtherVehicle] = []
-        for onlooker in self._working():
-            found += self._guarded(onlooker, _at(now), onlooker.vehicles, now) or ()
-        return found
+        return self._all(now, "vehicles", now)
 
     def alarms(self, now: float) -> dict[str, str]:
         """Return the alarms of all onlookers by name, and one that lists failed onlookers."""
-        alarms: dict[str, str] = {}
-        for onlooker in self._working():
-            alarms |= self._guarded(onlooker, _at(now), onlooker.alarms, now) or {}
+        alarms = dict(self._all(now, "alarms", now, by=Mapping.items))
         return alarms | (EXTRA_STOPPED.alarm("; ".join(self.problems)) if self.problems else {})
 
     def finish(self, summary: dict[str, Any]) -> dict[str, str]:
@@ -183,6 +167,11 @@ class Onlookers:
         """Return the onlookers that have not failed."""
         return [onlooker for onlooker in self.attached if id(onlooker) not in self._failed]
 
+    def _all(self, now: float, name: str, *arguments: Any, by: Callable[[Any], Iterable[Any]] = iter) -> list[Any]:
+        """Return the results of a method of all working onlookers. by: function from one result to its items."""
+        results = [self._guarded(one, f" at {now:.1f} s", getattr(one, name), *arguments) for one in self._working()]
+        return [item for result in results if result for item in by(result)]
+
     def _guarded(self, onlooker: Onlooker, when: str, call: Callable[..., Any], *arguments: Any) -> Any:
         """Return the result of a call, or None if it raised. After that the onlooker receives no more steps."""
         try:
@@ -191,7 +180,3 @@ class Onlookers:
             self._failed.add(id(onlooker))
             self.problems.append(f"{onlooker.name}: stopped{when}: {error!r}")
             return None
-
-
-def _at(time: float) -> str:
-    return f" at {time:.1f} s"

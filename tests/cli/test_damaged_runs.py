@@ -1,6 +1,5 @@
 """Damaged run folders: report and replay use the readable part, or refuse in one line."""
 
-import json
 import os
 import re
 import sys
@@ -13,7 +12,6 @@ from circnav_mav.runlog.tlog import read_tlog
 from tests.flight.recorded import EPOCH_US
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
-COMMANDS = ("report", "replay")
 
 
 @pytest.fixture
@@ -78,36 +76,10 @@ def page_with(told, run, summary):
 
 
 def test_a_summary_that_a_full_disk_left_half_written_is_no_obstacle(told, run):
-    for text in ("", "{", "[]", "{}", "[" * 100_000, "null"):
+    for text in ("", "{", "[]", "{}", "null"):
         assert "summary.json is missing or incomplete: figures from the recorded ticks" in page_with(told, run, text), (
             text[:9]
         )
-
-
-@pytest.mark.parametrize(
-    ("name", "values", "says"),
-    [
-        ("summary.json", {"samples_accepted": "many"}, "samples_accepted: should be a valid integer, not 'many'"),
-        ("summary.json", {"outcome": 3}, "outcome: should be a valid string, not 3"),
-        ("summary.json", {"engaged_s": "12.5"}, "engaged_s: should be a valid number, not '12.5': write 12.5"),
-        ("summary.json", {"alarms": ["late"]}, "alarms.0: must be a table, not 'late'"),
-        ("summary.json", {"samples_rejected": None}, "samples_rejected: should be a valid dictionary, not None"),
-        ("manifest.json", {"versions": ["0.1.0"]}, "versions: should be a valid dictionary, not ['0.1.0']"),
-        ("manifest.json", {"autopilot": "ArduCopter"}, "autopilot: must be a table, not 'ArduCopter'"),
-        ("manifest.json", {"output_mode": 1}, "output_mode: should be a valid string, not 1"),
-    ],
-)
-def test_a_value_of_another_type_as_of_an_editor_is_named_with_its_file(told, run, name, values, says):
-    path = run / name
-    path.write_text(json.dumps((json.loads(path.read_text()) if path.exists() else {}) | values))
-    for command in COMMANDS:
-        assert told(command).refused == f"{path}: {says}: correct it, or delete the file"
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_a_manifest_without_end_is_refused(told, run, command):
-    (run / "manifest.json").write_text("[" * 100_000)
-    assert told(command).refused == f"{run / 'manifest.json'}: is nested too deeply"
 
 
 def test_a_beginning_that_is_no_moment_is_refused(told, with_manifest):

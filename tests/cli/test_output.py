@@ -45,6 +45,21 @@ def test_a_reader_that_went_away_ends_the_command_without_a_word(told, command):
 
 
 @pytest.mark.parametrize(
+    ("command", "name"),
+    [("init copter", "copter.toml"), ("report run", "run/flight.png"), ("replay run --out .", "replay.png")],
+)
+def test_a_file_for_which_the_disk_has_no_room_is_named_and_leaves_the_one_before_or_none(run, command, name):
+    """An incomplete mission would block the next `init` as "exists already"."""
+    path = run.parent / name
+    if not command.startswith("init"):
+        path.write_text("of before")
+    before = {file: file.read_bytes() for file in run.parent.rglob("*") if file.is_file()}
+    ran = ended(run.parent, command, limit="-f 1")
+    assert (ran.returncode, ran.stderr.splitlines()[-1]) == (2, f"circnav: {name}: File too large")
+    assert {file: file.read_bytes() for file in run.parent.rglob("*") if file.is_file()} == before
+
+
+@pytest.mark.parametrize(
     ("options", "kilobytes", "code", "outcome"),
     [("--set guidance.law=\"smooth\" --duration 10", 60, 5, "completed"),
      ("--set bounds.max_range_m=340 --set orbit.direction=counterclockwise", 8, 4, "aborted")],

@@ -11,7 +11,6 @@ import pytest
 from circnav_mav.cli.bundled import CONFIG
 from circnav_mav.cli.init import schema_text
 from circnav_mav.runtime.recorder import Recorder
-from tests.command_line import ended
 
 SCHEMA = "mission.schema.json"
 TOML = [*CONFIG.glob("*.toml"), *(CONFIG / "campaigns").glob("*.toml")]
@@ -49,13 +48,6 @@ def test_init_overwrites_nothing(circnav, tmp_path):
     assert line == "init: plane.toml: exists already, name another file: circnav init plane FILE"
     assert circnav("init", "plane", "other.toml").done
     assert [(tmp_path / name).read_text() for name in ("plane.toml", "mission.schema.json")] == ["mine", "mine too"]
-
-
-def test_a_full_disk_leaves_no_half_of_a_mission(tmp_path):
-    """An incomplete file would block the next attempt as "already there"."""
-    ran = ended(tmp_path, "init copter", limit="-f 1")
-    assert (ran.returncode, ran.stderr) == (2, "circnav: copter.toml: File too large\n")
-    assert not list(tmp_path.iterdir())
 
 
 def test_the_schemas_that_ship_are_those_that_are_printed_with_the_bounds_that_the_vehicle_keeps(circnav):

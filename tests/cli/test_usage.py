@@ -20,7 +20,6 @@ PORT_IN_USE = "endpoint udpin:127.0.0.1:BUSY: port is in use by another program:
         ("fly mission.toml --endpoint udpin:127.0.0.1:BUSY", PORT_IN_USE),
         ("fly mission.toml --set ranging.endpoint=udpin:127.0.0.1:BUSY", PORT_IN_USE),
         ("check mission.toml --set signing.key_file=~nosuchuser/key", "mission.toml: signing.key_file: "),
-        ("check mission.toml --set signing.key_file=\"\\u0000\"", "mission.toml: signing.key_file: '\\x00' contains a"),
         ("fly mission.toml --out LONG", "LONG: File name too long"),
         ("check LONG.toml", "LONG.toml: File name too long"),
         ("fly mission.toml --out /dev/null/run", "/dev/null/run: cannot be written: Not a directory"),

@@ -182,7 +182,7 @@ def test_keys_of_an_earlier_version_load_without_effect_and_are_named_in_one_lin
         "without effect: vehicle.loops.max_pitch_deg is no longer a key (used instead: 15 degrees); "
         "guidance.gate_sigma is no longer a key (used instead: 5): delete them"
     )
-    assert mission("guidance.gate_sigma=4.0").pilot_settings().estimation.gate == 5.0
+    assert mission("guidance.gate_sigma=4.0").pilot_settings().tuning.estimation.gate == 5.0
 
 
 @pytest.mark.parametrize(

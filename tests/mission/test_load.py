@@ -53,7 +53,7 @@ def test_the_papers_examples_carry_the_papers_numbers(config, example, law, k, c
 
 def test_degrees_become_radians_here(mission):
     settings = mission("vehicle.max_turn_rate_deg_s=36.0").pilot_settings()
-    assert settings.orbit.max_turn_rate == settings.estimation.max_turn_rate == pytest.approx(pi / 5)
+    assert settings.orbit.max_turn_rate == settings.tuning.estimation.max_turn_rate == pytest.approx(pi / 5)
 
 
 def test_every_number_of_a_file_reaches_the_pilot(mission):

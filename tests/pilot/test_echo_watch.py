@@ -5,7 +5,7 @@ from math import cos, sin
 
 import pytest
 
-from circnav_mav.pilot.echo_watch import WITHIN, EchoWatch
+from circnav_mav.pilot.second_controller import WITHIN, EchoWatch
 
 TICK = 0.05
 

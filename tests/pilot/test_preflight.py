@@ -465,13 +465,11 @@ def of_another(now, sender=(1, 192), *, beacon_id=None, id=0, orientation=24):
     ("other", "missions", "named"),
     [
         ({"id": 3}, (), "ranging.sensor_id=0"),
-        ({"orientation": 0}, (), "ranging.orientation=24"),
-        ({"id": 1, "orientation": 2}, (), "ranging.sensor_id=0"),
         ({"sender": (1, 193)}, (), "ranging.component_id=192"),
         ({"sender": (77, 192)}, (), "ranging.system_id=1"),
         ({"beacon_id": 5}, BEACON, "ranging.beacon_id=1"),
     ],
-    ids=["sensor", "orientation", "both", "component", "system", "beacon"],
+    ids=["sensor", "component", "system", "beacon"],
 )
 def test_several_range_sources_fail_with_their_ids_their_ranges_and_the_key_that_names_one(other, missions, named):
     bench = Bench("arducopter", *missions, without=UNNAMED)

@@ -3,7 +3,6 @@
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -124,18 +123,3 @@ def test_the_file_is_json_that_comes_back_and_a_number_that_json_does_not_know_i
         write_json(tmp_path / "summary.json", made)
         text = (tmp_path / "summary.json").read_text(encoding="utf-8")
         assert json.loads(text, parse_constant=pytest.fail) == (told or made)
-
-
-def test_a_summary_that_finds_no_room_leaves_nothing_half_written(tmp_path, monkeypatch):
-    write_json(tmp_path / "summary.json", {"outcome": "completed"})
-
-    def full(path, *arguments, **options):
-        path.write_bytes(b"")
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "write_text", full)
-    with pytest.raises(OSError, match="No space left"):
-        write_json(tmp_path / "summary.json", {"outcome": "aborted"})
-    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [
-        ("summary.json", '{\n  "outcome": "completed"\n}\n')
-    ]

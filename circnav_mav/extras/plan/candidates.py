@@ -16,7 +16,6 @@ from circnav_mav.mission.checks import (
     check_mission,
     drift_allowed,
     drift_with_loop_margin,
-    expected_turn_gain,
 )
 from circnav_mav.mission.mission import Mission
 
@@ -76,7 +75,7 @@ def smallest_radius(mission: Mission, wind: float) -> float:
     """Return the smallest radius by turn rate and wind, m: V/r within TURN_USED of the turn rate, and the circle needs
     MOST_USED of it in this wind."""
     orbit = mission.orbit
-    able = orbit.max_turn_rate * expected_turn_gain(mission)
+    able = orbit.max_turn_rate * mission.least_turn_gain
     return max(orbit.speed / (TURN_USED * able), (orbit.speed + wind) ** 2 / (MOST_USED * orbit.speed * able))
 
 
@@ -90,7 +89,7 @@ def radii(least: float, site: Site) -> Sequence[float]:
 
 def candidate(mission: Mission, site: Site) -> Candidate:
     """Return the figures of the mission's first circle."""
-    orbit, gain = mission.orbit, expected_turn_gain(mission)
+    orbit, gain = mission.orbit, mission.least_turn_gain
     able, lap = orbit.max_turn_rate * gain, 2 * pi * orbit.radius / orbit.speed
     allowed = drift_allowed(mission)
     kept = drift_with_loop_margin(mission, allowed)
