@@ -1,10 +1,7 @@
 """Whole fleets on the emulator, in lockstep: spacing with estimated drift, takeovers, silence, layers, run folders."""
 
 import json
-import os
 import re
-import subprocess
-import sys
 from math import degrees
 
 import numpy as np
@@ -17,7 +14,8 @@ from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import Ending, Pilot
 from circnav_mav.runlog.loop_steps import recorded_steps
 from circnav_mav.runlog.replay import replay
-from tests.process import ROOT
+from tests.browser import CHROMIUM
+from tests.process import PATIENCE, ROOT, UNDRAWN, python, read_until, running
 from tests.process import circnav as process_of
 
 COPTER, PLANE = ROOT / "config" / "arducopter.toml", ROOT / "config" / "arduplane.toml"
@@ -126,49 +124,36 @@ def test_six_planes_from_one_place_are_even_in_time():
     assert found.radius_rms_m < 2.0
 
 
-def test_one_command_flies_a_fleet_and_every_member_replays_byte_for_byte(tmp_path):
-    command = [sys.executable, "-m", "circnav_mav", "fly", "copter", "--fleet", "2", "--duration", "45"]
-    command += ["--out", "fleet", "--fleet-loss", "0.2"]
-    flown = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=_environment(), check=False)
-    assert flown.returncode == 0, flown.stderr
-    assert "FLEET of 2 on 30 m" in flown.stdout
-    fleet = json.loads((tmp_path / "fleet" / "fleet.json").read_text())
+def test_one_command_flies_a_fleet_its_page_shows_all_members_and_each_replays_byte_for_byte(request, tmp_path):
+    """The page is examined if there is a browser."""
+    folder = tmp_path / "fleet"
+    options = ("--fleet", "2", "--fleet-loss", "0.2", "--web", "0", "--duration", "45", "--out", str(folder))
+    with running(process_of("fly", "copter", *options)) as flown:
+        if CHROMIUM is not None:
+            browser = request.getfixturevalue("browser")
+            browser.open(read_until(flown, "live page at ").split()[-1])
+            browser.until("/vehicle 2.*on circle, [23]\\d m high, \\d+ deg ahead/.test(document.body.innerText)")
+            browser.until("[...document.querySelectorAll('#track circle.now.desired')].length === 1")
+            browser.until("/1 of 2|2 of 2 members on the circle/.test(document.body.innerText)")
+            browser.until("!document.getElementById('outcome').hidden")
+            assert not browser.complaints
+        printed, problem = flown.communicate(timeout=PATIENCE)
+        assert flown.returncode == 0, problem
+    assert "FLEET of 2 on 30 m" in printed
+    fleet = json.loads((folder / "fleet.json").read_text())
     assert [one["outcome"] for one in fleet["each"]] == ["flown to its end"] * 2
-    assert (tmp_path / "fleet" / "fleet.png").stat().st_size > 10_000
-    for member in ("01", "02"):
-        folder = tmp_path / "fleet" / member
-        steps = list(recorded_steps(folder))
-        spaced = [request for step in steps for request in step.requests if request.offset is not None]
-        assert spaced
-        mission = load_mission(folder / "mission.toml")
-        done = replay(Pilot(mission.pilot_settings()), steps)
-        assert done.identical
-        assert json.loads((folder / "summary.json").read_text())["desired_radius_m"] == 30.0
-
-
-def test_one_live_page_shows_all_members_their_places_and_their_gaps(browser, tmp_path):
-    options = ("--fleet", "2", "--web", "0", "--duration", "50", "--out", str(tmp_path / "fleet"))
-    with process_of("fly", "copter", *options) as flown:
-        said = next(line for line in flown.stdout if line.startswith("live page at "))
-        browser.open(said.split()[-1])
-        browser.until("/vehicle 2.*on circle, [23]\\d m high, \\d+ deg ahead/.test(document.body.innerText)")
-        browser.until("[...document.querySelectorAll('#track circle.now.desired')].length === 1")
-        browser.until("/1 of 2|2 of 2 members on the circle/.test(document.body.innerText)")
-        browser.until("!document.getElementById('outcome').hidden")
-    assert not browser.complaints
+    assert (folder / "fleet.png").stat().st_size > 10_000
+    for member in (folder / "01", folder / "02"):
+        steps = list(recorded_steps(member))
+        assert any(request.offset is not None for step in steps for request in step.requests)
+        assert replay(Pilot(load_mission(member / "mission.toml").pilot_settings()), steps).identical
+        assert json.loads((member / "summary.json").read_text())["desired_radius_m"] == 30.0
 
 
 def test_a_flight_of_one_vehicle_imports_nothing_of_the_fleet_but_its_keys(tmp_path):
-    script = (
-        "import sys; from circnav_mav.cli.fly import fly_mission; "
-        "fly_mission(sys.argv[1], endpoint=None, overrides=(), speed=None, duration=1.0, out='run', dry_run=False, "
-        "shadow=False, web=None, fleet=None, fleet_loss=None, fleet_delay=None); "
-        "print(sorted(n for n in sys.modules if n.startswith('circnav_mav.extras.fleet.')))"
-    )
-    command = [sys.executable, "-c", script, str(COPTER)]
-    flown = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=_environment(), check=True)
-    assert flown.stdout.splitlines()[-1] == "['circnav_mav.extras.fleet.commands', 'circnav_mav.extras.fleet.settings']"
-
-
-def _environment():
-    return os.environ | {"PYTHONPATH": str(ROOT)}
+    modules = "[name for name in sys.modules if name.startswith('circnav_mav.extras.fleet.')]"
+    script = f"import atexit, sys\natexit.register(lambda: print(sorted({modules})))\n{UNDRAWN}"
+    flown = python("-c", script, "fly", str(COPTER), "--duration", "1", "--out", str(tmp_path / "run"))
+    printed, problem = flown.communicate(timeout=PATIENCE)
+    assert (flown.returncode, problem) == (0, "")
+    assert printed.splitlines()[-1] == "['circnav_mav.extras.fleet.commands', 'circnav_mav.extras.fleet.settings']"
