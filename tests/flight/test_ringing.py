@@ -59,7 +59,8 @@ def as_shipped(mission: str, share_counts: bool = False) -> Callable[..., float]
 def laps(mission: str, count: int = 2) -> Flight:
     """Fly laps after the approach, with 10 to 22 ms of round-trip delay."""
     duration = APPROACH + count * lap(mission)
-    flown = flight(mission, f"vehicle.turn_lag_s={LAG[mission]}", f"limits.duration_s={duration}", law="auto")
+    lag = "sim.truth.rate_hz=10", f"vehicle.turn_lag_s={LAG[mission]}"
+    flown = flight(mission, *lag, f"limits.duration_s={duration}", law="auto")
     flown.down, flown.up = (Pipe(Impairment(delay=0.005, jitter=0.006, in_order=True), seed) for seed in (1, 2))
     return flown.fly(duration + 30)
 

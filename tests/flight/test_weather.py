@@ -75,7 +75,7 @@ def test_a_radio_that_says_too_little_of_its_noise_is_found_out_told_of_and_flow
 def test_a_link_that_takes_a_while_does_not_make_the_turn_swing(mission: str, most: float) -> None:
     """0.05 to 0.15 s of delay each way, as on a busy companion computer or a fast radio. most: standard deviation of
     the turn command, deg/s; the turn itself is 8 deg/s."""
-    flown = flight(mission, f"limits.duration_s={DURATION}", law="auto")
+    flown = flight(mission, "sim.truth.rate_hz=10", f"limits.duration_s={DURATION}", law="auto")
     flown.down, flown.up = (Pipe(Impairment(delay=0.05, jitter=0.1, in_order=True), seed) for seed in (1, 2))
     flown.fly(70.0)
     assert unrest(flown) < most
