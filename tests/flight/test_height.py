@@ -43,7 +43,7 @@ def test_the_radius_stays_when_the_operator_sends_the_plane_20_m_higher() -> Non
     ],
 )
 def test_the_radius_is_true_at_a_height_that_nobody_told(mission: str, radius: float, flies: float, key: str) -> None:
-    placed = ("sim.target.altitude_m=5.0", f"sim.start.altitude_m={flies}", "limits.duration_s=120.0")
+    placed = ("sim.target.altitude_m=5.0", f"sim.start.altitude_m={flies}", "limits.duration_s=75.0")
     flown = told_by(mission, key, *placed).fly(200)
     assert flown.outcome.ending is Ending.COMPLETED
     assert mean_radius(last_third(flown)) == pytest.approx(radius, abs=0.015 * radius)

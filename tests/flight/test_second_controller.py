@@ -9,7 +9,7 @@ from tests.flight.lockstep import SETPOINT_IDS, flight
 from tests.frames import read
 
 OTHER = (1, 193)
-BEGINS = 40.0
+BEGINS = 30.0
 """Time at which the other program starts to send, s; every vehicle turns by then."""
 
 

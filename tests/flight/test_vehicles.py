@@ -31,19 +31,19 @@ def take_over(flown: Flight, mission: str) -> None:
 
 @cache
 def begun(mission: str) -> Flight:
-    """Return a flight 8 s after its start, engaged. Copy it before use."""
-    return flight(mission, "limits.hold_s=4.0").fly(8)
+    """Return a flight 8 s after its start, engaged, without its records. Copy it before use."""
+    flown = flight(mission, "limits.hold_s=4.0").fly(8)
+    flown.truths, flown.ticks, flown.sent = [], [], []
+    return flown
 
 
-@pytest.mark.parametrize(("mission", "lasts", "most"), [("arducopter", 120.0, 1.5), ("px4_plane_attitude", 90.0, 2.5)])
-def test_vehicle_holds_the_circle_to_two_percent_counterclockwise_with_a_quiet_turn(mission, lasts, most):
-    """most: standard deviation of the turn command, deg/s; the turn itself is 5 to 13 deg/s. The other vehicles:
-    tests/tools/firmware/test_emulated.py, the rover test_weather.py; clockwise: test_ringing.py."""
-    flown = flight(mission, 'orbit.direction="counterclockwise"', f"limits.duration_s={lasts}", law="auto").fly(200)
-    radius = flown.pilot.settings.orbit.radius
+def test_copter_holds_the_circle_to_two_percent_counterclockwise_with_a_quiet_turn() -> None:
+    """The turn itself is 10 deg/s. The PX4 plane and the rover: test_weather.py; the other vehicles:
+    tests/tools/firmware/test_emulated.py; clockwise: test_ringing.py."""
+    flown = flight("arducopter", 'orbit.direction="counterclockwise"', "limits.duration_s=120.0", law="auto").fly(200)
     assert flown.outcome.ending is Ending.COMPLETED
-    assert rms_error(last_third(flown), radius) < 0.02 * radius
-    assert unrest(flown) < most
+    assert rms_error(last_third(flown), 30.0) < 0.02 * 30.0
+    assert unrest(flown) < 1.5
     assert clockwise_turns(last_third(flown)) < -0.4
 
 
@@ -61,18 +61,16 @@ def test_plane_flies_the_same_mission_although_it_turns_less_than_it_is_told() -
 def test_no_setpoint_after_the_tick_that_saw_the_operator_take_over_at_random_ticks(mission: str) -> None:
     """1,000 random ticks: the fault matrix, F16."""
     chance = random.Random(3)
-    for _ in range(10):
+    for _ in range(5):
         flown = copy.deepcopy(begun(mission))
         flown.fly(flown.now + chance.uniform(0, 0.6))
         take_over(flown, mission)
-        count = len(flown.sent)
         guided = flown.pilot.session.adapter.guided_mode
         while flown.pilot.session.vehicle.mode == guided:
             flown.fly(flown.now + 0.02)
             assert flown.now < 12
         seen_at = flown.now
         flown.fly(seen_at + 0.3)
-        del flown.sent[:count]
         assert [time for time in flown.setpoint_times if time >= seen_at - 1e-9] == []
         assert flown.outcome.ending is Ending.TAKEN_OVER
 

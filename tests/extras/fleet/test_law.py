@@ -115,7 +115,7 @@ def test_a_member_alone_flies_the_circle_of_its_mission_at_its_speed():
 # --- flights of kinematic vehicles: no worse than the figures of the design ---
 
 
-@pytest.mark.parametrize(("n", "seconds"), [(3, 75.0), (6, 80.0), (10, 80.0)])
+@pytest.mark.parametrize(("n", "seconds"), [(3, 75.0), (10, 80.0)])
 def test_members_from_one_place_are_even_within_the_time_that_physics_allow(n, seconds):
     errors = Fleet(World(n=n)).fly(160).gap_errors()
     assert time_to_even(errors) < seconds

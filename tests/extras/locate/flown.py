@@ -18,11 +18,11 @@ from tests.flight.lockstep import Flight, flight
 
 COMPONENT = 194
 GPS_LOST = (
-    'sim.events=[{at_s=60.0, action="gps_off"}]', "sim.sensors.dead_reckoning_mps=1", "sim.sensors.gps_error_m=1",
+    'sim.events=[{at_s=50.0, action="gps_off"}]', "sim.sensors.dead_reckoning_mps=1", "sim.sensors.gps_error_m=1",
     "sim.sensors.gps_error_time_s=600", "sim.wind.speed_mps=5", "sim.start.north_m=150", "sim.start.east_m=-100",
-    "limits.duration_s=85",
+    "limits.duration_s=75",
 )  # fmt: skip
-"""A plane that circles and loses its GPS after a minute. Guidance ends 25 s later."""
+"""A plane that circles and loses its GPS after 50 s. Guidance ends 25 s later."""
 
 
 @dataclass

@@ -8,12 +8,14 @@ from circnav_sim.world import to_degrees
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.extras.locate.handback import DeadReckoning, HandBack, HandBackSettings, Health, PositionEstimate
+from circnav_mav.extras.locate.locator import COMMANDS, SENT_TYPES
 from circnav_mav.extras.locate.place import Place, Plane
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RelativeMotion
 from tests.extras.locate.flown import GPS_LOST, surveyed
+from tests.flight.lockstep import flight
 
 POSITION = mavlink.MAV_CMD_EXTERNAL_POSITION_ESTIMATE
-LOST_AT, END = 60.0, 105.5  # not a whole second: each position is answered
+LOST_AT, END = 50.0, 95.5  # not a whole second: each position is answered
 HERE = PositionEstimate(0.0, 15.0, 0.0, 3.0, 0j, 1.0, True)
 ON_PLANE = Plane(-35.0, 149.0)
 
@@ -27,11 +29,12 @@ def own_error(flown):
     return hypot(*flown.vehicle._flight.position_error)
 
 
-def test_an_autopilot_without_gps_is_kept_where_it_is_also_after_guidance_has_ended():
-    """The autopilot drifts at 1 m/s in each axis. Without help it would be off by about 45 m after 45 s."""
+def test_an_autopilot_without_gps_is_kept_where_it_is_also_after_guidance_has_ended_and_no_byte_of_ours_changes():
+    """The autopilot drifts at 1 m/s in each axis. Without help it would be off by about 45 m after 45 s. Place, circle,
+    camera and position leave beside the pilot's output."""
     errors: list[tuple[float, float]] = []
-    flown = surveyed("arduplane", *GPS_LOST, law="auto", handback=HandBackSettings())
-    flown.solve_from, flown.solve_every = 50.0, 10.0
+    flown = surveyed("arduplane", *GPS_LOST, law="auto", beacon=True, camera=True, handback=HandBackSettings())
+    flown.solve_from, flown.solve_every = 40.0, 10.0
     flown.fly(END, lambda one: errors.append((one.now, own_error(one))))
     given = commands(flown)
     assert given[0][0] == pytest.approx(LOST_AT + 12.0, abs=1.0), "not when the estimator says so"
@@ -44,6 +47,10 @@ def test_an_autopilot_without_gps_is_kept_where_it_is_also_after_guidance_has_en
     assert flown.locator.job(END + 100.0) is None, "the place is estimated again without a new position"
     assert back.plain() == {"sent": len(given), "accepted": len(given), "ended": "going on"}
     assert given[-1][0] > flown.sent[-1][0] + 5.0, "it ended with guidance"
+    said = [message for _, message in flown.messages]
+    assert {one.get_type() for one in said} == SENT_TYPES
+    assert {one.command for one in said if one.get_type().startswith("COMMAND")} == COMMANDS
+    assert flown.sent == flight("arduplane", *GPS_LOST, law="auto").fly(END).sent
 
 
 def lost_early(law, until, **settings):

@@ -1,4 +1,7 @@
-"""Positions never steer: the pilot sends the same bytes with survey and hand-back or without."""
+"""Positions never steer: the pilot sends the same bytes with survey and hand-back or without.
+
+A whole flight: test_handback.py.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -11,11 +14,8 @@ from circnav_mav.extras.locate.handback import HandBackSettings
 from circnav_mav.extras.locate.locator import COMMANDS, SENT_TYPES, LocateSettings, Locator
 from circnav_mav.pilot import VEHICLE
 from circnav_mav.pilot.mission_state import Phase
-from tests.extras.locate.flown import GPS_LOST, surveyed
-from tests.flight.lockstep import flight
 from tests.rig import Rig, decode
 
-ROI_NONE = mavlink.MAV_CMD_DO_SET_ROI_NONE
 SETPOINTS = {"SET_POSITION_TARGET_LOCAL_NED", "SET_ATTITUDE_TARGET", "MANUAL_CONTROL", "SET_POSITION_TARGET_GLOBAL_INT"}
 
 
@@ -61,20 +61,6 @@ LIES: dict[str, Callable[[int], list[Any]]] = {
         mavlink.MAVLink_command_ack_message(mavlink.MAV_CMD_EXTERNAL_POSITION_ESTIMATE, 0, 0, 0, 1, 194),
     ],
 }
-
-
-def test_a_flight_sends_not_a_byte_else_while_place_circle_camera_and_position_leave_beside_it():
-    """A plane that loses its GPS, compared with the same flight without a survey."""
-    everything: dict[str, Any] = {"beacon": True, "camera": True, "handback": HandBackSettings()}
-    flown = surveyed("arduplane", *GPS_LOST, law="auto", **everything)
-    flown.solve_from, flown.solve_every = 50.0, 10.0
-    flown.fly(80.0)
-    said = [message for _, message in flown.messages]
-    assert {one.get_type() for one in said} == SENT_TYPES
-    assert {one.command for one in said if one.get_type().startswith("COMMAND")} == COMMANDS - {ROI_NONE}
-    assert flown.sent == flight("arduplane", *GPS_LOST, law="auto").fly(80.0).sent
-    flown.fly(95.0)
-    assert not SETPOINTS & {one.get_type() for _, one in flown.messages}
 
 
 @pytest.mark.parametrize("lie", LIES.values(), ids=LIES)

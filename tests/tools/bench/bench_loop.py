@@ -65,7 +65,7 @@ def recorded(law: str, seconds: float, *overrides: str) -> list[tuple[float, byt
             received.append((now, frame))
         return True
 
-    flown = flight("quickstart", *GOES_ON, *overrides, law=law)
+    flown = flight("quickstart", "sim.truth.rate_hz=10", *GOES_ON, *overrides, law=law)
     flown.hears = hears
     flown.fly(seconds)
     return received

@@ -55,11 +55,10 @@ def test_auto_stays_within_its_bounds(fault, level, profile, lasts, after, figur
     assert getattr(verdict, figure) <= most
 
 
-@pytest.mark.parametrize("seed", [1, 6])
-def test_after_a_minute_without_uplink_the_circle_is_regained_without_a_swing(seed):
-    """Both seeds once took 46 s, and one swung by 15 % about the circle: during the outage a wrong turn response was
-    learned."""
-    one = uplink.fly("arducopter", seed)
+def test_after_a_minute_without_uplink_the_circle_is_regained_without_a_swing():
+    """It once took 46 s, and another seed swung by 15 % about the circle: during the outage a wrong turn response was
+    learned. More seeds: tests.tools.faults.uplink."""
+    one = uplink.fly("arducopter", 6)
     assert one.passed, one
 
 
