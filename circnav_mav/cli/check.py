@@ -89,7 +89,7 @@ def show_checks(lines: list[Check]) -> None:
     """Print check lines with colored grades."""
     for line in lines:
         grade = click.style(f"{line.grade.value:<4}", fg=COLOURS[line.grade], bold=line.grade is not Grade.PASS)
-        say(f"  {line.subject:<11} {line.text}", styled=grade)
+        say(f"  {line.subject:<12}  {line.text}", styled=grade)
 
 
 def _misfits(mission: Mission, config: VehicleConfig) -> Iterator[tuple[Grade, str]]:

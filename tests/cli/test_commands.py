@@ -79,7 +79,7 @@ def test_every_line_has_its_grade_the_last_one_counts_and_an_impossible_gain_fai
 )  # fmt: skip
 def test_a_bundled_vehicle_is_told_of_where_it_does_not_fit_the_mission(circnav, name, overrides, says):
     out = circnav("check", name, *(part for key in overrides for part in ("--set", key))).out
-    told = [line[:5] + line[18:] for line in out.splitlines() if line[6:].startswith("sim ")]
+    told = [line[:5] + line[20:] for line in out.splitlines() if line[6:].startswith("sim ")]
     assert [line.startswith(says) for line in told] == ([True] if says else [])
 
 
