@@ -1,8 +1,11 @@
 """`circnav check`: checks of the mission, and of the bundled vehicle against it."""
 
+import shutil
+import sys
 from collections.abc import Collection, Iterator
 from math import cos, hypot, radians, sin
 from pathlib import Path
+from textwrap import wrap
 
 import click
 from circnav_sim.config import VehicleConfig, parse_vehicle
@@ -26,6 +29,8 @@ FLIES = {
     for profile in vehicle.bundled
 }
 """Autopilot and vehicle kind that each profile emulates."""
+INDENT = 20
+"""Columns of grade and subject before the text of a check line."""
 SPEED_OFF = 0.05
 """Largest difference of the bundled plane's cruise speed from the mission's, as a fraction of it."""
 
@@ -86,10 +91,12 @@ def show_counts(path: str, lines: list[Check]) -> int:
 
 
 def show_checks(lines: list[Check]) -> None:
-    """Print check lines with colored grades."""
+    """Print check lines with colored grades. On a terminal, long lines break at words and continue below the text."""
+    columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
     for line in lines:
         grade = click.style(f"{line.grade.value:<4}", fg=COLOURS[line.grade], bold=line.grade is not Grade.PASS)
-        say(f"  {line.subject:<11} {line.text}", styled=grade)
+        texts = wrap(line.text, columns - INDENT) if columns > 2 * INDENT else [line.text]
+        say(f"  {line.subject:<12}  " + f"\n{'':{INDENT}}".join(texts), styled=grade)
 
 
 def _misfits(mission: Mission, config: VehicleConfig) -> Iterator[tuple[Grade, str]]:

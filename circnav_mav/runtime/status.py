@@ -139,12 +139,14 @@ def status_facts(status: Status, settings: PilotSettings, most_reasons: int | No
     absent: `flown` before engaging, `waiting` while steering waits for nothing. most_reasons: maximum number of
     rejection reasons listed, None for all."""
     tick, timing, orbit = status.tick, settings.timing, settings.orbit
-    frames, accepted, _, setpoints = (shown(rate, "{:.1f}/s") for rate in status.rates or (None,) * 4)
-    range_age, link_age = (shown(age, "{:.2f} s") for age in (tick.range_age, tick.link_age))
+    # Rates end with the flight: their parts of the texts are left out then.
+    frames, accepted, _, setpoints = ("" if rate is None else f"{rate:.1f}/s" for rate in status.rates or (None,) * 4)
+    newest = "no range yet" if tick.range_age is None else f"newest {tick.range_age:.2f} s old"
+    heartbeat = "no heartbeat yet" if tick.link_age is None else f"heartbeat {tick.link_age:.2f} s old"
     duration = f" of {timing.duration:.0f} s" if isfinite(timing.duration) else ""
     desired = tick.desired or orbit.radius
     measured = "" if tick.measured_rate is None else f", measured {tick.measured_rate:+.2f} m/s"
-    turn = shown(None if tick.turn_rate is None else degrees(tick.turn_rate), "{:+.1f}")
+    turn = "none commanded" if tick.turn_rate is None else f"commanded {degrees(tick.turn_rate):+.1f} deg/s"
     limit = "AT LIMIT" if tick.saturated else "limit"  # near the front: a narrow terminal shows it
     refused = sum(status.rejected.values())
     reasons = [f"{count} {reason}" for reason, count in status.rejected.items()]
@@ -157,19 +159,23 @@ def status_facts(status: Status, settings: PilotSettings, most_reasons: int | No
         "range": f"{_with_sigma(tick.r, tick.r_sigma, '.2f', 'm')} horizontal, desired {desired:.1f} m",
         "error": shown(None if tick.r is None else tick.r - desired, "{:+.2f} m"),
         "range rate": _with_sigma(tick.r_dot, tick.r_dot_sigma, "+.2f", "m/s") + measured,
-        "turn rate": f"commanded {turn} deg/s ({limit} {degrees(orbit.max_turn_rate):.1f}), "
+        "turn rate": f"{turn} ({limit} {degrees(orbit.max_turn_rate):.1f}), "
         f"gain {tick.turn_gain:.2f}, delay {tick.turn_delay:.2f} s",
         "heading": shown(None if tick.heading is None else degrees(tick.heading) % 360, "{:03.0f} deg"),
-        "law": status.why or tick.law or "-",
+        "law": status.why or tick.law or "none",
         "waiting": status.waits,
         "target": status.target,
         **status.added,
-        "ranging": f"{accepted} accepted, newest {range_age} old, stale at {timing.stale:.2f} s",
+        "ranging": _listed(accepted and f"{accepted} accepted", newest, f"stale at {timing.stale:.2f} s"),
         "rejected": f"{refused} of {refused + tick.accepted}{why}{others}",
-        "link": f"{frames} frames, heartbeat {link_age} old",
+        "link": _listed(frames and f"{frames} frames", heartbeat),
         "senders": status.trusted,
-        "setpoints": f"{setpoints}, {status.setpoints} total",
+        "setpoints": _listed(setpoints, f"{status.setpoints} total"),
     }
+
+
+def _listed(*parts: str) -> str:
+    return ", ".join(filter(None, parts))
 
 
 def _with_sigma(value: float | None, sigma: float | None, form: str, unit: str) -> str:
@@ -192,5 +198,5 @@ def _target(tick: TickRecord) -> str:
     bearing = degrees(compass_from_vector(-tick.x, -tick.y))
     towards = degrees(compass_from_vector(tick.drift_x, tick.drift_y))
     drift = hypot(tick.drift_x, tick.drift_y)
-    source = ", from accelerations" if tick.felt is not None and tick.felt > 0.5 else ""
+    source = ", by accelerometer" if tick.felt is not None and tick.felt > 0.5 else ""
     return f"bearing {bearing:03.0f} deg, drift {drift:.1f} m/s towards {towards:03.0f} deg{source}"

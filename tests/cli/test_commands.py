@@ -1,5 +1,8 @@
 """Help, check, preflight and emulate: output and exit codes."""
 
+import os
+import pty
+import re
 import signal
 import time
 import tomllib
@@ -8,7 +11,9 @@ import pytest
 
 from circnav_mav import __version__
 from circnav_mav.cli import circnav as cli
+from circnav_mav.cli.check import show_checks
 from circnav_mav.extension import extensions
+from circnav_mav.mav.check_result import Check, Grade
 from tests.process import PATIENCE, ROOT, UNHURRIED
 from tests.process import circnav as process_of
 
@@ -61,6 +66,22 @@ def test_every_line_has_its_grade_the_last_one_counts_and_an_impossible_gain_fai
     assert "\x1b" not in ran.out, "colours stay out of a pipe"
 
 
+def test_on_a_terminal_a_long_check_line_breaks_at_words_below_its_text(monkeypatch):
+    """Emulators of terminals break a line at any letter."""
+    text = "1 m of error in the height above the target (60.0 m) changes the radius by 0.40 m (WARN above 0.3)"
+    ours, terminal = pty.openpty()
+    monkeypatch.setenv("COLUMNS", "80")
+    with open(terminal, "w", encoding="utf-8") as out:
+        monkeypatch.setattr("sys.stdout", out)
+        show_checks([Check(Grade.WARN, "height cost", text)])
+        out.flush()
+        shown = re.sub("\x1b.*?m", "", os.read(ours, 4096).decode()).splitlines()
+    os.close(ours)
+    assert shown[0].startswith("WARN  height cost   1 m of error")
+    assert max(map(len, shown)) <= 80
+    assert " ".join(line[20:] for line in shown) == text
+
+
 @pytest.mark.parametrize(
     ("name", "overrides", "says"),
     [
@@ -79,7 +100,7 @@ def test_every_line_has_its_grade_the_last_one_counts_and_an_impossible_gain_fai
 )  # fmt: skip
 def test_a_bundled_vehicle_is_told_of_where_it_does_not_fit_the_mission(circnav, name, overrides, says):
     out = circnav("check", name, *(part for key in overrides for part in ("--set", key))).out
-    told = [line[:5] + line[18:] for line in out.splitlines() if line[6:].startswith("sim ")]
+    told = [line[:5] + line[20:] for line in out.splitlines() if line[6:].startswith("sim ")]
     assert [line.startswith(says) for line in told] == ([True] if says else [])
 
 

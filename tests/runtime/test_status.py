@@ -12,7 +12,7 @@ from circnav_mav.pilot.settings import HeightSettings
 from circnav_mav.runtime.display import LiveScreen
 from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.picture import Picture
-from circnav_mav.runtime.status import StatusSource
+from circnav_mav.runtime.status import StatusSource, status_facts
 from tests.flight.lockstep import flight
 from tests.rig import Rig
 
@@ -169,6 +169,12 @@ def test_bars_lean_to_the_side_that_is_flown_and_the_sparkline_falls_with_the_er
     assert len(levels) == 21  # 2 s each
     assert (levels[0], levels[-1]) == (7, 0)
     assert re.search(r" 40 s, max 21\d\.\d m$", error.rstrip()), "what its height and width mean"
+
+
+@pytest.mark.parametrize(("seconds", "event"), [(12.0, None), (9.0, "takeover")], ids=["engaged", "ended"])
+def test_no_fact_has_a_dash_for_a_value_in_flight_and_after_its_end(statuses, seconds, event):
+    facts = status_facts(statuses(seconds, event=event)[-1], SETTINGS)
+    assert {name: text for name, text in facts.items() if re.search(r"(^| )-(,| |$)", text)} == {}
 
 
 def test_no_word_is_cut_at_80_columns_by_long_addresses_nor_the_limit_that_is_reached(statuses):

@@ -45,7 +45,7 @@ def plot_plan(path: Path, found: Sequence[Candidate], best: Candidate, site: Sit
             bank.plot(radius, [one.bank or 0.0 for one in found], "s-", color=TRUE, label="bank, deg")
         for axis in (wind, error, bank):
             axis.axvline(best.radius, color=DESIRED, lw=1.5, alpha=0.6)
-            axis.set_ylim(bottom=0)
+            axis.set_ylim(0.0, 1.08 * axis.get_ylim()[1])  # room for the marker of the largest value
             axis.legend(loc="best", fontsize=8)
         bank.set_xlabel("radius, m")
         save(figure, path)
