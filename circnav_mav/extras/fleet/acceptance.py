@@ -27,7 +27,7 @@ MOVES_AFTER = 1.5
 FORGET_AFTER = 60.0
 """Silence, s, after which a member leaves the table."""
 MOST_MEMBERS = 32
-"""Default limit of members in the table."""
+"""Largest number of members in the table."""
 PHASE_TOLERANCE = 0.35
 """Tolerance, rad, between a phase and its extrapolation, in addition to three standard deviations."""
 PHASE_RATE_TOLERANCE = 0.1
@@ -179,21 +179,23 @@ class Acceptance:
         key: bytes | None = None,
         *,
         hosts: frozenset[str] | None = None,
-        most_members: int = MOST_MEMBERS,
     ) -> None:
-        """group, member: own ids. signing, key: of the fleet, both or neither. hosts: accepted senders, or None."""
+        """group, member: ids of this member. signing, key: of the fleet, both or neither. hosts: accepted senders, or
+        None."""
         self.members: dict[int, Member] = {}
         self.rejected: Counter[Rejection] = Counter()
         self.accepted = self.copies = 0
         self._group, self._member, self._key, self._hosts = group, member, key, hosts
-        self._signing, self._most_members = signing, most_members
+        self._signing = signing
         self._decoder = Decoder(wanted={MESSAGE}, signing=signing)
         self._seen: dict[bytes, float] = {}
         self._reasons: dict[Rejection, _Reason] = {}
 
-    def sent(self, frame: bytes, now: float) -> None:
-        """Remember an own frame, because multicast returns it."""
-        self._remember(frame, now)
+    def remember(self, frame: bytes, now: float) -> None:
+        """Store a frame, to recognize its copies."""
+        self._seen[frame] = now
+        if len(self._seen) > MOST_COPIES:
+            del self._seen[next(iter(self._seen))]
 
     def take(self, data: bytes, address: Hashable, now: float) -> MemberReport | None:
         """Return the report in a datagram, None if it is rejected. now: Unix time, s."""
@@ -229,11 +231,13 @@ class Acceptance:
         # Copies arrive by multicast loopback, by a mesh, or by a second route. The first copy was already processed,
         # and the signature check would reject the second one as a replay.
         if data in self._seen:
-            self._check_copy(data, now)
+            age = now - self._seen[data]
+            if age > CLOCK_TOLERANCE:
+                raise RejectedError(Rejection.REPLAYED, f"id {data[5]}, copy of a frame of {age:.1f} s ago")
             self.copies += 1
             return None
         report = self._authentic_report(data, now)
-        self._remember(data, now)
+        self.remember(data, now)
         if report.group != self._group:
             raise RejectedError(Rejection.OTHER_GROUP, f"group {report.group}, not {self._group}")
         check_numbers(report)
@@ -244,11 +248,6 @@ class Acceptance:
         self.members[report.member] = Member(report, address, now)
         self.accepted += 1
         return report
-
-    def _check_copy(self, data: bytes, now: float) -> None:
-        age = now - self._seen[data]
-        if age > CLOCK_TOLERANCE:
-            raise RejectedError(Rejection.REPLAYED, f"id {data[5]}, copy of a frame of {age:.1f} s ago")
 
     def _check_address(self, address: Hashable) -> None:
         host = address[0] if isinstance(address, tuple) else address
@@ -300,7 +299,7 @@ class Acceptance:
         self._forget(now)
         known = self.members.get(report.member)
         if known is None:
-            if len(self.members) >= self._most_members:
+            if len(self.members) >= MOST_MEMBERS:
                 raise RejectedError(Rejection.TABLE_FULL, f"id {report.member} beside {len(self.members)} members")
             return
         # Signed frames are accepted from any address: otherwise a relay that is faster than the sender could make the
@@ -338,8 +337,3 @@ class Acceptance:
         """Remove silent members, and members with reception times in the future after the clock was set back."""
         for ident in [one for one, member in self.members.items() if abs(now - member.received_at) > FORGET_AFTER]:
             del self.members[ident]
-
-    def _remember(self, frame: bytes, now: float) -> None:
-        self._seen[frame] = now
-        if len(self._seen) > MOST_COPIES:
-            del self._seen[next(iter(self._seen))]
