@@ -62,42 +62,25 @@ BOUNDS: dict[str, tuple[float, float]] = {
 
 
 class Rejection(Enum):
-    """Reason for rejecting a datagram."""
+    """Reason for rejecting a datagram. value: remedy or effect for the alarm, empty for no alarm."""
 
-    MALFORMED = "malformed"
-    OTHER_MESSAGE = "other_message"
-    OTHER_ADDRESS = "other_address"
-    UNSIGNED = "unsigned"
-    WRONG_KEY = "wrong_key"
-    REPLAYED = "replayed"
-    OTHER_GROUP = "other_group"
-    NOT_FINITE = "not_finite"
-    OUT_OF_BOUNDS = "out_of_bounds"
-    CLOCKS_DISAGREE = "clocks_disagree"
-    SAME_ID = "same_id"
-    PHASE_JUMP = "phase_jump"
-    TOO_OFTEN = "too_often"
-    TABLE_FULL = "table_full"
-    FLOOD = "flood"
+    MALFORMED = "frames are not complete MAVLink 2 reports: give each program another port"
+    OTHER_MESSAGE = ""
+    OTHER_ADDRESS = "a sender is not in the list of peers: if it is a member, add it"
+    UNSIGNED = "frames are not signed: give every member the key of the fleet"
+    WRONG_KEY = "frames are signed with another key: give every member the same key file"
+    REPLAYED = "frames are repeated or late, and are ignored"
+    OTHER_GROUP = "another group uses this address: correct the group, or use another address"
+    NOT_FINITE = "a number is not finite"
+    OUT_OF_BOUNDS = "a number is out of bounds"
+    CLOCKS_DISAGREE = "clocks disagree, or frames are late: synchronize the companion computers"
+    SAME_ID = "two members have the same id: give each member another id"
+    PHASE_JUMP = "a phase jumps: the member's estimate is wrong, or another program sends as this member"
+    TOO_OFTEN = "a member sends more than 10 reports a second"
+    TABLE_FULL = "the group has more members than its limit"
+    FLOOD = "network flood: frames are lost"
 
 
-REMEDIES = {
-    Rejection.MALFORMED: "frames are not complete MAVLink 2 reports: give each program another port",
-    Rejection.OTHER_ADDRESS: "a sender is not in the list of peers: if it is a member, add it",
-    Rejection.UNSIGNED: "frames are not signed: give every member the key of the fleet",
-    Rejection.WRONG_KEY: "frames are signed with another key: give every member the same key file",
-    Rejection.REPLAYED: "frames are repeated or late, and are ignored",
-    Rejection.OTHER_GROUP: "another group uses this address: correct the group, or use another address",
-    Rejection.NOT_FINITE: "a number is not finite",
-    Rejection.OUT_OF_BOUNDS: "a number is out of bounds",
-    Rejection.CLOCKS_DISAGREE: "clocks disagree, or frames are late: synchronize the companion computers",
-    Rejection.SAME_ID: "two members have the same id: give each member another id",
-    Rejection.PHASE_JUMP: "a phase jumps: the member's estimate is wrong, or another program sends as this member",
-    Rejection.TOO_OFTEN: "a member sends more than 10 reports a second",
-    Rejection.TABLE_FULL: "the group has more members than its limit",
-    Rejection.FLOOD: "network flood: frames are lost",
-}
-"""Reasons that raise alarms, with the remedy or effect. Other MAVLink messages on the port are ignored silently."""
 _REFUSALS = {
     Refusal.UNSIGNED: Rejection.UNSIGNED,
     Refusal.WRONG: Rejection.WRONG_KEY,
@@ -128,14 +111,9 @@ def check_numbers(report: MemberReport) -> None:
         raise RejectedError(Rejection.OUT_OF_BOUNDS, f"drift covariance {en:g} with variances {ee:g} and {nn:g}")
 
 
-def extrapolated(report: MemberReport, stamp: float) -> float:
-    """Return the phase of a member at another time, rad, not wrapped."""
-    return report.phase + tau * (stamp - report.stamp) / report.lap_period
-
-
 def phase_error(before: MemberReport, report: MemberReport) -> float:
     """Return the distance of a phase from the extrapolated phase of an earlier report, rad, 0 to pi."""
-    return abs(remainder(report.phase - extrapolated(before, report.stamp), tau))
+    return abs(remainder(report.phase - before.phase_at(report.stamp), tau))
 
 
 def phase_tolerance(before: MemberReport, report: MemberReport) -> float:
@@ -219,8 +197,8 @@ class Acceptance:
             needed = 1 if reason is Rejection.FLOOD else ALARM_COUNT
             # abs(): after the clock was set back, old times lie in the future.
             recent = sum(abs(now - time) <= ALARM_TIME for time in noted.times)
-            if reason in REMEDIES and recent >= needed:
-                lines.append(f"fleet link: {REMEDIES[reason]} ({noted.detail})")
+            if reason.value and recent >= needed:
+                lines.append(f"fleet link: {reason.value} ({noted.detail})")
         return lines
 
     def _take(self, data: bytes, address: Hashable, now: float) -> MemberReport | None:

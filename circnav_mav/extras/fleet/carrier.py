@@ -117,7 +117,7 @@ class FrameCarrier:
 
     def summary(self) -> dict[str, Any]:
         """Return the counts of the link for summary.json."""
-        rejected = {reason.value: count for reason, count in self.acceptance.rejected.items()}
+        rejected = {reason.name.lower(): count for reason, count in self.acceptance.rejected.items()}
         return {
             "sent": self.sent,
             "accepted": self.acceptance.accepted,

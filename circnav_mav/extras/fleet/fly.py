@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
-from itertools import chain, count
 from math import degrees
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ from circnav_mav.cli.check import read_mission, refuse_failing
 from circnav_mav.cli.closing import close_flight, write_manifest
 from circnav_mav.cli.connect import open_onlookers
 from circnav_mav.cli.exits import Exit, Refused, outlive_terminal, refusing, say
-from circnav_mav.cli.fly import EXITS
+from circnav_mav.cli.fly import EXITS, new_folder
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.extras.fleet.carrier import FrameCarrier, LocalNetwork
 from circnav_mav.extras.fleet.flight import FleetFlight, Member, member_overrides
@@ -22,7 +21,7 @@ from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Pilot
 from circnav_mav.runlog.atomic_write import write_json
-from circnav_mav.runtime.clock import local_time_name, steady
+from circnav_mav.runtime.clock import steady
 from circnav_mav.runtime.recorder import Recorder, RecorderError
 from circnav_mav.runtime.runner import StopRequest, wait
 from circnav_mav.runtime.status import AlarmLog
@@ -67,15 +66,15 @@ def fly_fleet(
         flight.fly(watch=_watch(members[0].onlookers.pace, stop), stopped=lambda: stop.signal_name)
         found = figures(flight.tracks)
         codes = [_close(member, epoch_us) for member in members]
-    members = [_row(member, code) for member, code in zip(flight.members, codes, strict=True)]
+    rows = [_row(member, code) for member, code in zip(flight.members, codes, strict=True)]
     link = {"loss": fleet_loss or 0.0, "delay_s": fleet_delay or 0.0}
     with refusing(folder):
-        write_json(folder / "fleet.json", {"mission": path, "link": link, **found.plain(), "each": members})
+        write_json(folder / "fleet.json", {"mission": path, "link": link, **found.plain(), "each": rows})
     try:
         draw_fleet(flight.tracks, folder / "fleet.png")
     except Exception as error:
         say(f"  WARNING    {folder}/fleet.png could not be made: {error}")
-    _show(found, flight.tracks.radius, members)
+    _show(found, flight.tracks.radius, rows)
     say(f"  fleet folder {folder}")
     return max(codes)
 
@@ -83,9 +82,7 @@ def fly_fleet(
 def _fleet_folder(out: str | None, name: str) -> Path:
     """Return a new or empty folder for the fleet. Raises Refused."""
     if out is None:
-        base = f"{local_time_name()}-{name}-fleet"
-        names = chain((base,), (f"{base}-{number}" for number in count(2)))
-        return next(folder for one in names if not (folder := Path("runs") / one).exists())
+        return new_folder(f"{name}-fleet")
     folder = Path(out)
     with refusing(folder):
         if folder.exists() and any(folder.iterdir()):

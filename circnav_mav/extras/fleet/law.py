@@ -149,7 +149,7 @@ class Spacing:
         return {member: report for member, report in self.known.items() if now - report.stamp <= SILENT}
 
     def phases(self, now: float) -> dict[int, float]:
-        """Return the extrapolated phases of the other members on the circle. Their rate is constant in any wind."""
+        """Return the extrapolated phases of the other members on the circle."""
         ring = {
             member: report
             for member, report in self.present(now).items()
@@ -157,10 +157,7 @@ class Spacing:
         }
         # Skip phases with a sigma above half the even gap: their rank on the ring is uncertain.
         sure = {m: r for m, r in ring.items() if r.phase_sigma <= pi / (len(ring) + 1)}
-        return {
-            member: (report.phase + LAP * (now - report.stamp) / report.lap_period) % LAP
-            for member, report in sure.items()
-        }
+        return {member: report.phase_at(now) % LAP for member, report in sure.items()}
 
     def step(self, now: float, own: OwnState) -> Adjustment:
         """Return the adjustment to fly now."""

@@ -183,8 +183,7 @@ class FleetOnlooker(Onlooker):
             words += "" if isnan(report.height) else f", {report.height:.0f} m high"
             place = None
             if report.state is not State.SEARCH:
-                phase = report.phase + LAP * (self._epoch + now - report.stamp) / report.lap_period
-                angle = self._map.angle(phase)
+                angle = self._map.angle(report.phase_at(self._epoch + now))
                 place = report.radius * cos(angle), self._sense * report.radius * sin(angle)
             if member in ring and self.state is State.ON_CIRCLE and self._own.phase is not None:
                 words += f", {degrees((ring[member] - self._own.phase) % LAP):.0f} deg ahead"

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import IntEnum
+from math import tau
 
 
 class State(IntEnum):
@@ -35,3 +36,7 @@ class MemberReport:
     sense: int
     drift: tuple[float, float]
     drift_covariance: tuple[float, float, float]
+
+    def phase_at(self, stamp: float) -> float:
+        """Return the phase extrapolated to another time, rad, not wrapped. Its rate is constant in any wind."""
+        return self.phase + tau * (stamp - self.stamp) / self.lap_period
