@@ -91,11 +91,11 @@ def calibrate_radio(
             say(f"note: {note}")
         _say(tag, found)
         lines = [f"{key} = {value}" for key, value in keys_of(found.calibration).items()]
-        path = output(out, source, "calibration")
-        write_text(Path(f"{path}.toml"), "[ranging]\n" + "".join(f"{line}\n" for line in lines))
-        _plot(Path(f"{path}.png"), found, tag)
+        results = output(out, source, "calibration")
+        write_text(Path(f"{results}.toml"), "[ranging]\n" + "".join(f"{line}\n" for line in lines))
+        _plot(Path(f"{results}.png"), found, tag)
         say("\n".join(["[ranging]", *lines]))
-        say(f"  written    {path}.toml, .png")
+        say(f"  written    {results}.toml, .png")
         if mission is not None:
             write_into(Path(mission), found.calibration)
             say(f"  written    into {mission}: the next flight uses it")
