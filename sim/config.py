@@ -9,7 +9,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from .autopilots.modes import MODES, PROFILES
-from .schema import ConfigError, Interval, Name, Table, nearest, place, read_file, read_table
+from .schema import ConfigError, Interval, Name, Table, nearest, place, read_table
 from .signing import read_key
 
 __all__ = ["ConfigError", "VehicleConfig", "load_vehicle", "parse_vehicle"]
@@ -250,11 +250,9 @@ def _checked(config: VehicleConfig, where: str) -> VehicleConfig:
 def load_vehicle(path: str | Path) -> VehicleConfig:
     """Read a vehicle file or the [sim] table of a mission file. A key file's path is relative to that file's folder."""
     try:
-        table = tomllib.loads(read_file(path).decode("utf-8-sig"))
+        table = tomllib.loads(Path(path).read_text("utf-8-sig"))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except RecursionError:
-        raise ConfigError(f"{path}: not a TOML file: nested too deeply") from None
     except ValueError as error:
         raise ConfigError(f"{path}: not a TOML file: {error}") from error
     if "orbit" in table and "sim" not in table:

@@ -1,11 +1,7 @@
 """Strict reading of TOML tables with pydantic. An unknown key or an invalid value gives an error of one line."""
 
 import difflib
-import errno
-import os
-import stat
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, WithJsonSchema
@@ -15,17 +11,6 @@ LONGEST_NAME = 10
 
 class ConfigError(ValueError):
     """Invalid vehicle file: one line with the file, the key and the remedy."""
-
-
-def read_file(path: str | Path, most: int = 1_000_000) -> bytes:
-    """Read a regular file of at most `most` bytes; reading a pipe or a device could block. Raises OSError."""
-    if not stat.S_ISREG(os.stat(path).st_mode):
-        raise OSError(errno.EINVAL, "is not a regular file", str(path))
-    with open(path, "rb") as file:
-        data = file.read(most + 1)
-    if len(data) > most:
-        raise OSError(errno.EFBIG, os.strerror(errno.EFBIG), str(path))
-    return data
 
 
 class Table(BaseModel):
@@ -77,8 +62,6 @@ def read_table(kind: type[Section], table: object, where: str) -> Section:
     here, parts, context, given = where, wrong["loc"], wrong.get("ctx", {}), wrong["input"]
     for part in parts:
         here = f"{here}[{part}]" if isinstance(part, int) else place(here, part)
-    if isinstance(given, int) and not -(2**63) <= given < 2**63:  # Python does not print thousands of digits
-        raise ConfigError(f"{here}: is beyond 64 bits")
     if wrong["type"] == "extra_forbidden":
         known = list(_inner(kind, parts[:-1]).model_fields)
         raise ConfigError(f"{here}: unknown key{nearest(str(parts[-1]), known) or '; known keys: ' + ', '.join(known)}")

@@ -4,10 +4,11 @@ Source: mavlink_signature_check (mavlink_helpers.h), ArduPilot's GCS_Signing.cpp
 """
 
 import hashlib
+from pathlib import Path
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from .schema import ConfigError, read_file
+from .schema import ConfigError
 
 EPOCH_S = 1_420_070_400  # 2015 in unix time
 TICKS_PER_S = 100_000
@@ -78,7 +79,7 @@ class FrameSigning:
 def read_key(path: str, where: str) -> bytes:
     """Read a key file of 64 hex digits or 32 bytes. Raises ConfigError."""
     try:
-        data = read_file(path)
+        data = Path(path).read_bytes()
     except OSError as error:
         raise ConfigError(f"{where}: {path}: cannot be read: {error.strerror or error}") from error
     try:

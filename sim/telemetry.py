@@ -198,16 +198,14 @@ def position_target_local_ned(flight: Flight) -> Message | None:
 def attitude_target(flight: Flight) -> Message | None:
     """Attitude setpoint that a copter or PX4's plane flies."""
     flown = flight.autopilot.flown()
-    if isinstance(flown, (Bank, Glide)):
-        q = flight.body._replace(roll=flown.roll, pitch=flown.pitch or 0.0).quaternion()
-        thrust = flown.thrust if isinstance(flown, Glide) else 0.5
-        return mavlink.MAVLink_attitude_target_message(flight.boot_ms, 0, list(q), 0.0, 0.0, 0.0, thrust)
-    if not isinstance(flown, Tilt):
+    if not isinstance(flown, (Bank, Glide, Tilt)):
         return None
-    heading = flight.body.heading if flown.heading is None else flown.heading
-    q = flight.body._replace(roll=flown.roll, pitch=flown.pitch, heading=heading).quaternion()
-    thrust = 0.5 if flown.thrust is None else flown.thrust
-    return mavlink.MAVLink_attitude_target_message(flight.boot_ms, 0, list(q), 0.0, 0.0, flown.yaw_rate, thrust)
+    heading, yaw_rate = (flown.heading, flown.yaw_rate) if isinstance(flown, Tilt) else (None, 0.0)
+    thrust = None if isinstance(flown, Bank) else flown.thrust
+    body = flight.body._replace(roll=flown.roll, pitch=flown.pitch or 0.0)
+    q = (body if heading is None else body._replace(heading=heading)).quaternion()
+    thrust = 0.5 if thrust is None else thrust
+    return mavlink.MAVLink_attitude_target_message(flight.boot_ms, 0, list(q), 0.0, 0.0, yaw_rate, thrust)
 
 
 def wind(flight: Flight) -> Message | None:

@@ -112,9 +112,7 @@ def fly_mission(
 def _run_folder(out: str | None, mission: Mission) -> Path:
     """Return the folder to record into. Raises Refused if it holds a flight, or another mission.toml."""
     if out is None:
-        base = f"{local_time_name()}-{mission.file.name}"
-        names = chain((base,), (f"{base}-{number}" for number in count(2)))
-        return next(folder for name in names if not (folder := Path("runs") / name).exists())
+        return new_folder(mission.file.name)
     folder = Path(out)
     own = folder / "mission.toml"
     with refusing(own):
@@ -124,6 +122,13 @@ def _run_folder(out: str | None, mission: Mission) -> Path:
         if own.exists() and read_text(own) != mission.text:
             raise Refused(f"--out {out}: holds another mission.toml, name another folder")
     return folder
+
+
+def new_folder(name: str) -> Path:
+    """Return a folder in runs/ that does not exist, named by the time and a name."""
+    base = f"{local_time_name()}-{name}"
+    names = chain((base,), (f"{base}-{number}" for number in count(2)))
+    return next(folder for one in names if not (folder := Path("runs") / one).exists())
 
 
 def _recorder(out: str | None, mission: Mission) -> Recorder:

@@ -13,6 +13,7 @@ STEP = 0.025
 TILT_LAG, YAW_LAG = 0.12, 0.15  # s
 YAW_GAIN = 4.5  # 1/s
 MOST_TILT = math.radians(80)
+HOVER_THRUST = 0.485  # share of full thrust
 ARDUPILOT_LEAN_DEG, PX4_LEAN_DEG = 30.0, 45.0  # defaults of ANGLE_MAX and MPC_TILTMAX_AIR
 
 
@@ -20,12 +21,11 @@ ARDUPILOT_LEAN_DEG, PX4_LEAN_DEG = 30.0, 45.0  # defaults of ANGLE_MAX and MPC_T
 class TiltingCopter:
     """A multicopter flown by attitude: tilt accelerates it until drag balances (4 deg of pitch: 3.7 m/s).
 
-    Drag in 1/s, hover thrust as a fraction of full thrust, limit in rad/s.
+    Drag in 1/s, limit in rad/s.
     """
 
     max_turn_rate: float
-    drag: float = 0.185
-    hover_thrust: float = 0.485
+    drag: float = DRAG
 
     def step(self, body: Body, demand: Tilt | Spin, dt: float, wind: tuple[float, float]) -> Body:
         for h in pieces(dt, STEP):
@@ -68,7 +68,7 @@ class TiltingCopter:
     def _sink(self, turned: Body, before: Body, demand: Tilt | Spin, h: float) -> float:
         if demand.thrust is None:
             return before.velocity_down + (-demand.climb - before.velocity_down) * (1 - math.exp(-h / 0.3))
-        lift = demand.thrust / self.hover_thrust * GRAVITY * math.cos(turned.roll) * math.cos(turned.pitch)
+        lift = demand.thrust / HOVER_THRUST * GRAVITY * math.cos(turned.roll) * math.cos(turned.pitch)
         return before.velocity_down + (GRAVITY - lift - self.drag * before.velocity_down) * h
 
 

@@ -119,9 +119,12 @@ Speeds = ChainMap[str, float]
 
 
 def to_point(body: Body, goal: GoTo, params: Speeds) -> Demand:
-    climbing = goal.down < body.down
-    climb = params["WPNAV_SPEED_UP" if climbing else "WPNAV_SPEED_DN"] / 100
-    return _toward(body, goal, params["WPNAV_SPEED"] / 100, climb)
+    climb = params["WPNAV_SPEED_UP" if goal.down < body.down else "WPNAV_SPEED_DN"] / 100
+    north, east = goal.north - body.north, goal.east - body.east
+    distance = math.hypot(north, east)
+    share = min(params["WPNAV_SPEED"] / 100, NEARNESS * distance) / distance if distance > 1e-6 else 0.0
+    vertical = within(NEARNESS * (goal.down - body.down), climb)
+    return EarthVelocity(north * share, east * share, vertical)
 
 
 def climb_out(body: Body, down: float, params: Speeds) -> Demand | None:
@@ -138,7 +141,7 @@ def way_home(body: Body, params: Speeds) -> Demand | None:
     cruise = min(body.down, -params["RTL_ALT"] / 100)
     if body.down > cruise + 0.5:
         return EarthVelocity(0.0, 0.0, -params["WPNAV_SPEED_UP"] / 100)
-    return _toward(body, GoTo(0.0, 0.0, cruise), params["WPNAV_SPEED"] / 100, params["WPNAV_SPEED_UP"] / 100)
+    return to_point(body, GoTo(0.0, 0.0, cruise), params)
 
 
 def descent(body: Body, params: Speeds) -> Demand | None:
@@ -146,11 +149,3 @@ def descent(body: Body, params: Speeds) -> Demand | None:
     if body.down >= -0.01:
         return None
     return Brake(down=params["LAND_SPEED" if body.down > -10.0 else "WPNAV_SPEED_DN"] / 100)
-
-
-def _toward(body: Body, goal: GoTo, speed: float, climb: float) -> EarthVelocity:
-    north, east = goal.north - body.north, goal.east - body.east
-    distance = math.hypot(north, east)
-    share = min(speed, NEARNESS * distance) / distance if distance > 1e-6 else 0.0
-    vertical = within(NEARNESS * (goal.down - body.down), climb)
-    return EarthVelocity(north * share, east * share, vertical)

@@ -48,11 +48,11 @@ class Px4Plane(Px4):
     def fly(self, dt: float, wind: tuple[float, float]) -> Body:
         if not self.armed:
             return falling(self.body, dt)
-        demand = self._demand()
+        demand = self.flown()
         airframe = self._by_attitude if isinstance(demand, Glide) else self._by_stick
         return airframe.step(self.body, demand, dt, wind)
 
-    def _demand(self) -> Bank | Glide:
+    def flown(self) -> Bank | Glide:
         setpoint = self._setpoint
         if self.mode == OFFBOARD and isinstance(setpoint, Tilt):
             limit = math.radians(self.params["FW_R_LIM"])
@@ -61,9 +61,6 @@ class Px4Plane(Px4):
         if self.cruise is not None and self.mode not in BANKED_BY_STICKS:
             speed = max(self.params["FW_AIRSPD_MIN"], min(self.params["FW_AIRSPD_MAX"], self.cruise))
         return Bank(self._bank, speed * self._scale, self._height)
-
-    def flown(self) -> Bank | Glide:
-        return self._demand()
 
     def wake(self, now: int) -> None:
         super().wake(now)

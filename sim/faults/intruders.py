@@ -6,7 +6,7 @@ from random import Random
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from .frames import frames, message_id, raw_frame, write
+from .frames import frames, raw_frame, write
 from .link import DOWN, Intruder, Passage
 
 GCS = (255, 190)
@@ -28,20 +28,20 @@ def periodic(rate: float, make: Callable[[int], Iterable[bytes]], *, direction: 
     return intruder
 
 
-def vehicle(system: int, rate: float = 4.0, *, mode: int = 5, range_cm: int = 5000) -> Intruder:
-    """Return a second ArduCopter in another mode, with its own range sensor."""
+def vehicle(system: int, *, mode: int = 5) -> Intruder:
+    """Return a second ArduCopter in another mode, with its own range sensor. It sends at 4 Hz."""
 
     def make(n: int) -> list[bytes]:
-        stamp = int(1000 * n / rate) + 1000
+        stamp = 250 * n + 1000
         messages = (
             mavlink.MAVLink_heartbeat_message(2, 3, 81, mode, 4, 3),
             mavlink.MAVLink_attitude_message(stamp, 0.1, 0.1, 1.0, 0.0, 0.0, 0.0),
             mavlink.MAVLink_vfr_hud_message(3.0, 3.0, 90, 10, 12.0, 0.0),
-            mavlink.MAVLink_distance_sensor_message(stamp, 1, 65000, range_cm, 3, 0, 24, 255),
+            mavlink.MAVLink_distance_sensor_message(stamp, 1, 65000, 5000, 3, 0, 24, 255),
         )
         return [write(message, system, 1, n & 255) for message in messages]
 
-    return periodic(rate, make)
+    return periodic(4.0, make)
 
 
 def ground_station(rate: float = 100.0) -> Intruder:
@@ -79,9 +79,9 @@ def unknown_senders(rate: float, seed: int) -> Intruder:
     return periodic(rate, make)
 
 
-def recorded(path: Path, rate: float, wanted: frozenset[int] | None = None) -> Intruder:
-    """Return an intruder that repeats the frames of a tlog, of the wanted message ids or of all. Raises ValueError."""
-    kept = [frame for frame in tlog_frames(path.read_bytes()) if wanted is None or message_id(frame) in wanted]
+def recorded(path: Path, rate: float) -> Intruder:
+    """Return an intruder that repeats the frames of a tlog. Raises ValueError."""
+    kept = tlog_frames(path.read_bytes())
     if not kept:
         raise ValueError(f"{path}: contains no MAVLink 2 frame")
     return periodic(rate, lambda n: [kept[n % len(kept)]])

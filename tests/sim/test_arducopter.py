@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as mavlink
 
+from tests.rig import x25
 from tests.sim.station import Station, aboard, build
 
 
@@ -16,22 +17,12 @@ def guided(**tables):
     return aboard(mode="GUIDED", vehicle={"turn_lag_s": 0.0}, **tables)
 
 
-def crc_x25(data: bytes) -> int:
-    """Return the MAVLink checksum, from its definition (ITU X.25)."""
-    crc = 0xFFFF
-    for byte in data:
-        tmp = (byte ^ crc) & 0xFF
-        tmp = (tmp ^ (tmp << 4)) & 0xFF
-        crc = (crc >> 8) ^ (tmp << 8) ^ (tmp << 3) ^ (tmp >> 4)
-    return crc & 0xFFFF
-
-
 def setpoint_by_hand(vx: float, yaw_rate: float) -> bytes:
     """Return SET_POSITION_TARGET_LOCAL_NED (84, CRC extra 143), packed from its definition."""
     floats = [0.0, 0.0, 0.0, vx, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, yaw_rate]
     payload = struct.pack("<I11fHBBB", 0, *floats, 0x5C7, 1, 1, 8)
     header = bytes([len(payload), 0, 0, 7, 1, 191, 84, 0, 0])
-    return b"\xfd" + header + payload + struct.pack("<H", crc_x25(header + payload + bytes([143])))
+    return b"\xfd" + header + payload + struct.pack("<H", x25(header + payload + bytes([143])))
 
 
 def test_a_positive_yaw_rate_turns_clockwise_seen_from_above():
@@ -157,7 +148,7 @@ def test_junk_and_correctly_framed_nonsense_never_raise(number, noise, addressed
         format_before = "<" + "".join(kind.native_format.decode()[1 : 1 + names.index("target_system")])
         payload[min(struct.calcsize(format_before), len(payload) - 1)] = 1
     header = bytes([len(payload), 0, 0, 0, 1, 191]) + number.to_bytes(3, "little")
-    checksum = crc_x25(header + bytes(payload) + bytes([kind.crc_extra]))
+    checksum = x25(header + bytes(payload) + bytes([kind.crc_extra]))
     airframe = {"profile": profile, "dynamics": "realistic"}
     vehicle = build(vehicle=airframe, start={"mode": GUIDED.get(profile, "GUIDED")})
     vehicle.receive(noise)

@@ -46,11 +46,3 @@ def test_every_question_that_qgroundcontrol_asks_when_it_connects_is_answered(pr
         for answer in answers:
             assert getattr(answer, "mission_type", None) == getattr(question, "mission_type", None), name
             assert getattr(answer, "num_logs", 0) == 0
-
-
-def test_a_parameter_that_the_preflight_of_a_companion_reads_is_there():
-    """ArduPilot 4.6 has FENCE_ENABLE, 0 by default."""
-    station = Station(build(vehicle={"profile": "arduplane"}), *QGROUNDCONTROL)
-    station.send(mavlink.MAVLink_param_request_read_message(1, 1, b"FENCE_ENABLE", -1))
-    (answer,) = station.listen("PARAM_VALUE")
-    assert (answer.param_id, answer.param_value) == ("FENCE_ENABLE", 0.0)

@@ -70,17 +70,18 @@ def test_the_version_the_boot_time_and_commands_in_either_form_are_answered_to_t
     assert companion.listen("MISSION_COUNT")[-1].count == 0
 
 
-def test_parameters_are_listed_and_read_by_name():
-    companion = aboard()
+@pytest.mark.parametrize(("profile", "gcs_switch"), [("arducopter", "FS_GCS_ENABLE"), ("arduplane", "FS_GCS_ENABL")])
+def test_parameters_are_listed_and_read_by_name(profile, gcs_switch):
+    companion = aboard(profile)
     companion.send(mavlink.MAVLink_param_request_list_message(1, 1))
     values = companion.listen("PARAM_VALUE")
     assert len(values) == values[0].param_count and [v.param_index for v in values] == [*range(len(values))]
     table = {v.param_id: v.param_value for v in values}
-    assert (table["GUID_TIMEOUT"], table["SYSID_MYGCS"], table["FS_GCS_ENABLE"]) == (3.0, 255.0, 0.0)
+    assert (table["SYSID_MYGCS"], table[gcs_switch], table["FENCE_ENABLE"]) == (255.0, 0.0, 0.0)
     companion.forget()
-    for name in (b"GUID_OPTIONS", b"NO_SUCH"):
+    for name in (b"FENCE_ENABLE", b"NO_SUCH"):
         companion.send(mavlink.MAVLink_param_request_read_message(1, 1, name, -1))
-    assert [value.param_id for value in companion.listen("PARAM_VALUE")] == ["GUID_OPTIONS"]
+    assert [value.param_id for value in companion.listen("PARAM_VALUE")] == ["FENCE_ENABLE"]
 
 
 def test_truth_is_sent_unasked_and_names_its_numbers():

@@ -9,12 +9,6 @@ from circnav_sim.config import ConfigError, load_vehicle, parse_vehicle
 from circnav_sim.vehicle import Vehicle
 
 
-def test_an_empty_file_flies():
-    vehicle = Vehicle(parse_vehicle({}, "x"))
-    vehicle.advance(1.0)
-    assert vehicle.truth.armed and vehicle.truth.mode == 5
-
-
 @pytest.mark.parametrize(
     ("table", "complaint"),
     [

@@ -27,7 +27,7 @@ MOVES_AFTER = 1.5
 FORGET_AFTER = 60.0
 """Silence, s, after which a member leaves the table."""
 MOST_MEMBERS = 32
-"""Default limit of members in the table."""
+"""Largest number of members in the table."""
 PHASE_TOLERANCE = 0.35
 """Tolerance, rad, between a phase and its extrapolation, in addition to three standard deviations."""
 PHASE_RATE_TOLERANCE = 0.1
@@ -62,42 +62,25 @@ BOUNDS: dict[str, tuple[float, float]] = {
 
 
 class Rejection(Enum):
-    """Reason for rejecting a datagram."""
+    """Reason for rejecting a datagram. value: remedy or effect for the alarm, empty for no alarm."""
 
-    MALFORMED = "malformed"
-    OTHER_MESSAGE = "other_message"
-    OTHER_ADDRESS = "other_address"
-    UNSIGNED = "unsigned"
-    WRONG_KEY = "wrong_key"
-    REPLAYED = "replayed"
-    OTHER_GROUP = "other_group"
-    NOT_FINITE = "not_finite"
-    OUT_OF_BOUNDS = "out_of_bounds"
-    CLOCKS_DISAGREE = "clocks_disagree"
-    SAME_ID = "same_id"
-    PHASE_JUMP = "phase_jump"
-    TOO_OFTEN = "too_often"
-    TABLE_FULL = "table_full"
-    FLOOD = "flood"
+    MALFORMED = "frames are not complete MAVLink 2 reports: give each program another port"
+    OTHER_MESSAGE = ""
+    OTHER_ADDRESS = "a sender is not in the list of peers: if it is a member, add it"
+    UNSIGNED = "frames are not signed: give every member the key of the fleet"
+    WRONG_KEY = "frames are signed with another key: give every member the same key file"
+    REPLAYED = "frames are repeated or late, and are ignored"
+    OTHER_GROUP = "another group uses this address: correct the group, or use another address"
+    NOT_FINITE = "a number is not finite"
+    OUT_OF_BOUNDS = "a number is out of bounds"
+    CLOCKS_DISAGREE = "clocks disagree, or frames are late: synchronize the companion computers"
+    SAME_ID = "two members have the same id: give each member another id"
+    PHASE_JUMP = "a phase jumps: the member's estimate is wrong, or another program sends as this member"
+    TOO_OFTEN = "a member sends more than 10 reports a second"
+    TABLE_FULL = "the group has more members than its limit"
+    FLOOD = "network flood: frames are lost"
 
 
-REMEDIES = {
-    Rejection.MALFORMED: "frames are not complete MAVLink 2 reports: give each program another port",
-    Rejection.OTHER_ADDRESS: "a sender is not in the list of peers: if it is a member, add it",
-    Rejection.UNSIGNED: "frames are not signed: give every member the key of the fleet",
-    Rejection.WRONG_KEY: "frames are signed with another key: give every member the same key file",
-    Rejection.REPLAYED: "frames are repeated or late, and are ignored",
-    Rejection.OTHER_GROUP: "another group uses this address: correct the group, or use another address",
-    Rejection.NOT_FINITE: "a number is not finite",
-    Rejection.OUT_OF_BOUNDS: "a number is out of bounds",
-    Rejection.CLOCKS_DISAGREE: "clocks disagree, or frames are late: synchronize the companion computers",
-    Rejection.SAME_ID: "two members have the same id: give each member another id",
-    Rejection.PHASE_JUMP: "a phase jumps: the member's estimate is wrong, or another program sends as this member",
-    Rejection.TOO_OFTEN: "a member sends more than 10 reports a second",
-    Rejection.TABLE_FULL: "the group has more members than its limit",
-    Rejection.FLOOD: "network flood: frames are lost",
-}
-"""Reasons that raise alarms, with the remedy or effect. Other MAVLink messages on the port are ignored silently."""
 _REFUSALS = {
     Refusal.UNSIGNED: Rejection.UNSIGNED,
     Refusal.WRONG: Rejection.WRONG_KEY,
@@ -128,14 +111,9 @@ def check_numbers(report: MemberReport) -> None:
         raise RejectedError(Rejection.OUT_OF_BOUNDS, f"drift covariance {en:g} with variances {ee:g} and {nn:g}")
 
 
-def extrapolated(report: MemberReport, stamp: float) -> float:
-    """Return the phase of a member at another time, rad, not wrapped."""
-    return report.phase + tau * (stamp - report.stamp) / report.lap_period
-
-
 def phase_error(before: MemberReport, report: MemberReport) -> float:
     """Return the distance of a phase from the extrapolated phase of an earlier report, rad, 0 to pi."""
-    return abs(remainder(report.phase - extrapolated(before, report.stamp), tau))
+    return abs(remainder(report.phase - before.phase_at(report.stamp), tau))
 
 
 def phase_tolerance(before: MemberReport, report: MemberReport) -> float:
@@ -179,21 +157,23 @@ class Acceptance:
         key: bytes | None = None,
         *,
         hosts: frozenset[str] | None = None,
-        most_members: int = MOST_MEMBERS,
     ) -> None:
-        """group, member: own ids. signing, key: of the fleet, both or neither. hosts: accepted senders, or None."""
+        """group, member: ids of this member. signing, key: of the fleet, both or neither. hosts: accepted senders, or
+        None."""
         self.members: dict[int, Member] = {}
         self.rejected: Counter[Rejection] = Counter()
         self.accepted = self.copies = 0
         self._group, self._member, self._key, self._hosts = group, member, key, hosts
-        self._signing, self._most_members = signing, most_members
+        self._signing = signing
         self._decoder = Decoder(wanted={MESSAGE}, signing=signing)
         self._seen: dict[bytes, float] = {}
         self._reasons: dict[Rejection, _Reason] = {}
 
-    def sent(self, frame: bytes, now: float) -> None:
-        """Remember an own frame, because multicast returns it."""
-        self._remember(frame, now)
+    def remember(self, frame: bytes, now: float) -> None:
+        """Store a frame, to recognize its copies."""
+        self._seen[frame] = now
+        if len(self._seen) > MOST_COPIES:
+            del self._seen[next(iter(self._seen))]
 
     def take(self, data: bytes, address: Hashable, now: float) -> MemberReport | None:
         """Return the report in a datagram, None if it is rejected. now: Unix time, s."""
@@ -217,8 +197,8 @@ class Acceptance:
             needed = 1 if reason is Rejection.FLOOD else ALARM_COUNT
             # abs(): after the clock was set back, old times lie in the future.
             recent = sum(abs(now - time) <= ALARM_TIME for time in noted.times)
-            if reason in REMEDIES and recent >= needed:
-                lines.append(f"fleet link: {REMEDIES[reason]} ({noted.detail})")
+            if reason.value and recent >= needed:
+                lines.append(f"fleet link: {reason.value} ({noted.detail})")
         return lines
 
     def _take(self, data: bytes, address: Hashable, now: float) -> MemberReport | None:
@@ -229,11 +209,13 @@ class Acceptance:
         # Copies arrive by multicast loopback, by a mesh, or by a second route. The first copy was already processed,
         # and the signature check would reject the second one as a replay.
         if data in self._seen:
-            self._check_copy(data, now)
+            age = now - self._seen[data]
+            if age > CLOCK_TOLERANCE:
+                raise RejectedError(Rejection.REPLAYED, f"id {data[5]}, copy of a frame of {age:.1f} s ago")
             self.copies += 1
             return None
         report = self._authentic_report(data, now)
-        self._remember(data, now)
+        self.remember(data, now)
         if report.group != self._group:
             raise RejectedError(Rejection.OTHER_GROUP, f"group {report.group}, not {self._group}")
         check_numbers(report)
@@ -244,11 +226,6 @@ class Acceptance:
         self.members[report.member] = Member(report, address, now)
         self.accepted += 1
         return report
-
-    def _check_copy(self, data: bytes, now: float) -> None:
-        age = now - self._seen[data]
-        if age > CLOCK_TOLERANCE:
-            raise RejectedError(Rejection.REPLAYED, f"id {data[5]}, copy of a frame of {age:.1f} s ago")
 
     def _check_address(self, address: Hashable) -> None:
         host = address[0] if isinstance(address, tuple) else address
@@ -300,7 +277,7 @@ class Acceptance:
         self._forget(now)
         known = self.members.get(report.member)
         if known is None:
-            if len(self.members) >= self._most_members:
+            if len(self.members) >= MOST_MEMBERS:
                 raise RejectedError(Rejection.TABLE_FULL, f"id {report.member} beside {len(self.members)} members")
             return
         # Signed frames are accepted from any address: otherwise a relay that is faster than the sender could make the
@@ -338,8 +315,3 @@ class Acceptance:
         """Remove silent members, and members with reception times in the future after the clock was set back."""
         for ident in [one for one, member in self.members.items() if abs(now - member.received_at) > FORGET_AFTER]:
             del self.members[ident]
-
-    def _remember(self, frame: bytes, now: float) -> None:
-        self._seen[frame] = now
-        if len(self._seen) > MOST_COPIES:
-            del self._seen[next(iter(self._seen))]

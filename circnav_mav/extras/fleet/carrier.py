@@ -1,20 +1,20 @@
 """Carrier of the fleet's reports between companion computers, on a separate socket without autopilots.
 
 Transport: UDP multicast, or a list of peers. An open carrier never blocks and never raises: a network failure is an
-alarm and is retried. Time comes from the stamp of the own report and from the `now` of `received`.
+alarm and is retried. Time comes from the stamp of this member's report and from the `now` of `received`.
 """
 
 import socket
 import struct
 import sys
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from ipaddress import ip_address
 from math import inf
-from typing import Any, Protocol
+from random import Random
+from typing import Any
 
-from circnav_mav.extras.fleet.acceptance import MOST_MEMBERS, Acceptance, RejectedError, Rejection, check_numbers
+from circnav_mav.extras.fleet.acceptance import Acceptance, RejectedError, Rejection, check_numbers
 from circnav_mav.extras.fleet.frames import COMPONENT, LONGEST_FRAME, to_message
 from circnav_mav.extras.fleet.report import MemberReport
 from circnav_mav.mav.codec import Encoder
@@ -26,7 +26,7 @@ MULTICAST, PORT = "239.255.145.51", 14560
 HOPS = 1
 """Time to live of a multicast datagram: no router passes it on."""
 INTERVAL = 0.2
-"""Shortest time, s, between two own reports: 5 Hz."""
+"""Shortest time, s, between two reports of this member: 5 Hz."""
 EARLY = 0.01
 """Time, s, by which a report may be early: the interval is not a multiple of the loop step."""
 MOST_DATAGRAMS = 64
@@ -36,57 +36,29 @@ RECEIVE_BUFFER = 1 << 16
 RETRY = 2.0
 """Time, s, between two attempts to open the socket."""
 SILENCE = 5.0
-"""Time, s, without any datagram after which a multicast socket is reopened: it also receives own reports. Unplugging an
-interface ends the group membership without an error."""
+"""Time, s, without any datagram after which a multicast socket is reopened: it also receives what it sends. Unplugging
+an interface ends the group membership without an error."""
 PROBLEM_LASTS = 5.0
 """Time, s, for which a problem is reported after it last occurred."""
 MOST_FRAMES = 4096
 """Largest number of frames waiting to be recorded."""
 LINK_ID = 1
-"""Link id of own signatures on the fleet link. The vehicle's link has 0."""
+"""Link id of signatures on the fleet link. The vehicle's link has 0."""
 _IP_MULTICAST_ALL = 49
 """Linux socket option IP_MULTICAST_ALL, which Python does not define."""
 
 Datagram = tuple[bytes, Hashable]
 
 
-@dataclass(frozen=True, slots=True)
-class FleetLink:
-    """Endpoint of the fleet link. interface: name or IPv4 address of the network interface for multicast, empty for the
-    default route. peers: HOST:PORT of every other member. With peers, multicast is not used."""
-
-    address: str = MULTICAST
-    port: int = PORT
-    interface: str = ""
-    peers: tuple[str, ...] = ()
-
-
-class Port(Protocol):
-    """Transport of datagrams. hosts: allowed senders, None for all."""
-
-    hosts: frozenset[str] | None
-
-    def send(self, frame: bytes, now: float) -> str | None:
-        """Send a frame to every other member. Return the problem, or None."""
-
-    def receive(self, most: int, now: float) -> list[Datagram]:
-        """Return at most this number of datagrams that have arrived."""
-
-    def close(self) -> None:
-        """Close the port."""
-
-
 class FrameCarrier:
-    """`Carrier` that sends signed MAVLink frames over a port."""
+    """Sends and receives reports as signed MAVLink frames over a port."""
 
-    def __init__(
-        self, port: Port, group: int, member: int, key: bytes | None = None, *, most_members: int = MOST_MEMBERS
-    ) -> None:
-        """group, member: own ids. key: 32 bytes of the fleet's key, None for unsigned frames."""
+    def __init__(self, port: "UdpPort | LocalPort", group: int, member: int, key: bytes | None = None) -> None:
+        """group, member: ids of this member. key: 32 bytes of the fleet's key, None for unsigned frames."""
         # Separate `Signing` from the vehicle's link: a member with a wrong clock must not change the timestamp that
         # signs commands to the autopilot.
         signing = None if key is None else Signing(key, link_id=LINK_ID)
-        self.acceptance = Acceptance(group, member, signing, key, hosts=port.hosts, most_members=most_members)
+        self.acceptance = Acceptance(group, member, signing, key, hosts=port.hosts)
         self.sent = 0
         self._port, self._signing = port, signing
         self._ids = group, member
@@ -103,16 +75,18 @@ class FrameCarrier:
             return
         try:
             if (report.group, report.member) != self._ids:
-                raise RejectedError(Rejection.OUT_OF_BOUNDS, f"ids {report.group}, {report.member} are not our own")
+                raise RejectedError(
+                    Rejection.OUT_OF_BOUNDS, f"ids {report.group}, {report.member} are not those of this member"
+                )
             check_numbers(report)
         except RejectedError as wrong:
-            self._note(f"the own report is not sent: {wrong}", now)
+            self._note(f"this member's report is not sent: {wrong}", now)
             return
         self._sent_at = now
         if self._signing is not None:
             self._signing.advance(now)
         frame = self._encoder.encode(to_message(report))
-        self.acceptance.sent(frame, now)
+        self.acceptance.remember(frame, now)  # multicast returns it
         if problem := self._port.send(frame, now):
             self._note(problem, now)
         else:
@@ -143,7 +117,7 @@ class FrameCarrier:
 
     def summary(self) -> dict[str, Any]:
         """Return the counts of the link for summary.json."""
-        rejected = {reason.value: count for reason, count in self.acceptance.rejected.items()}
+        rejected = {reason.name.lower(): count for reason, count in self.acceptance.rejected.items()}
         return {
             "sent": self.sent,
             "accepted": self.acceptance.accepted,
@@ -166,23 +140,24 @@ class FrameCarrier:
 class UdpPort:
     """A UDP socket: multicast, or a list of peers. A socket that fails is closed and opened again."""
 
-    def __init__(self, link: FleetLink) -> None:
-        """Raises LinkError if an endpoint is invalid or in use. A missing network is not an error."""
-        self._link = link
-        self._peers = [_peer(text) for text in link.peers]
+    def __init__(self, port: int = PORT, interface: str = "", peers: Sequence[str] = ()) -> None:
+        """interface: name or IPv4 address of the network interface for multicast, empty for the default route. peers:
+        HOST:PORT of every other member. With peers, multicast is not used. Raises LinkError if an endpoint is invalid
+        or in use. A missing network is not an error."""
+        self._port, self._interface = port, interface
+        self._peers = [_peer(text) for text in peers]
         if len({family for family, _ in self._peers}) > 1:
-            raise LinkError(f"fleet peers {', '.join(link.peers)}: use either IPv4 or IPv6 for all of them")
+            raise LinkError(f"fleet peers {', '.join(peers)}: use either IPv4 or IPv6 for all of them")
+        # hosts: allowed senders, None for all.
         self.hosts = frozenset(address[0] for _, address in self._peers) if self._peers else None
         self._socket: socket.socket | None = None
         self._retry_at = self._received_at = -inf
         self._problem: str | None = None
-        if not self._peers:
-            _check_multicast(link)
         try:
             self._socket = self._open()
         except OSError as error:
             if self._peers:
-                raise LinkError(f"fleet link on port {link.port}: {explain(error)}") from None
+                raise LinkError(f"fleet link on port {port}: {explain(error)}") from None
             self._problem = self._explain(error)
 
     def send(self, frame: bytes, now: float) -> str | None:
@@ -191,7 +166,7 @@ class UdpPort:
         if opened is None:
             return self._problem
         self._problem = None
-        for address in [address for _, address in self._peers] or [(self._link.address, self._link.port)]:
+        for address in [address for _, address in self._peers] or [(MULTICAST, self._port)]:
             try:
                 opened.sendto(frame, address)
             except OSError as error:
@@ -249,7 +224,7 @@ class UdpPort:
             opened.setblocking(False)
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
             if self._peers:
-                opened.bind(("", self._link.port))
+                opened.bind(("", self._port))
             else:
                 self._join(opened)
         except OSError:
@@ -259,36 +234,31 @@ class UdpPort:
 
     def _join(self, opened: socket.socket) -> None:
         """Bind to the group and join it. Datagrams to other addresses of this computer are then not received."""
-        link = self._link
-        membership = _membership(link)
+        membership = _membership(self._interface)
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        opened.bind((link.address, link.port))
+        opened.bind((MULTICAST, self._port))
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, HOPS)
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
         # Without this option, Linux also delivers datagrams from interfaces on which another program joined the group.
         if sys.platform == "linux":
             opened.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
-        if link.interface:
+        if self._interface:
             opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, membership)
 
     def _explain(self, error: OSError) -> str:
-        link = self._link
-        where = "peers" if self._peers else f"{link.address} on {link.interface or 'the default interface'}"
+        where = "peers" if self._peers else f"{MULTICAST} on {self._interface or 'the default interface'}"
         return f"no reports to or from {where}: {explain(error)}"
 
 
-def open_carrier(
-    link: FleetLink, group: int, member: int, key: bytes | None = None, *, most_members: int = MOST_MEMBERS
-) -> FrameCarrier:
-    """Open the carrier of a flight. Raises LinkError."""
-    return FrameCarrier(UdpPort(link), group, member, key, most_members=most_members)
-
-
 class LocalNetwork:
-    """Network within one process, for fleets in lockstep. Each member receives a datagram at its next step."""
+    """Network within one process, for fleets in lockstep. It drops and delays frames, reproducibly for each seed."""
 
-    def __init__(self) -> None:
+    def __init__(self, loss: float = 0.0, delay: float = 0.0, seed: int = 0) -> None:
+        """loss: share of frames lost at each receiver. delay: s."""
+        self.cut: set[Hashable] = set()
+        """Addresses that neither send nor receive."""
+        self._loss, self._delay, self._random = loss, delay, Random(f"{seed}:fleet link")
         self._ports: list[LocalPort] = []
 
     def port(self, address: Hashable) -> "LocalPort":
@@ -297,10 +267,11 @@ class LocalNetwork:
         return self._ports[-1]
 
     def deliver(self, frame: bytes, sender: "LocalPort", now: float) -> None:
-        """Append a frame to the queue of every other port. Subclasses drop and delay frames."""
+        """Send a frame to every other port, unless it is lost."""
         for port in self._ports:
-            if port is not sender:
-                port.queue.append((frame, sender.address))
+            lost = self._random.random() < self._loss
+            if port is not sender and not lost and not {port.address, sender.address} & self.cut:
+                port.under_way.append((now + self._delay, frame, sender.address))
 
 
 class LocalPort:
@@ -309,7 +280,8 @@ class LocalPort:
     hosts: frozenset[str] | None = None
 
     def __init__(self, network: LocalNetwork, address: Hashable) -> None:
-        self.queue: list[Datagram] = []
+        self.under_way: list[tuple[float, bytes, Hashable]] = []
+        """Time of arrival, frame and sender of each datagram."""
         self.address = address
         self._network = network
 
@@ -319,14 +291,14 @@ class LocalPort:
         return None
 
     def receive(self, most: int, now: float) -> list[Datagram]:
-        """Return at most `most` datagrams. The rest is lost, as in a full socket."""
-        taken = self.queue[:most]
-        self.queue.clear()
-        return taken
+        """Return at most this number of datagrams that have arrived. The rest is lost, as in a full socket."""
+        arrived = [(frame, sender) for due, frame, sender in self.under_way if due <= now]
+        self.under_way = [one for one in self.under_way if one[0] > now]
+        return arrived[:most]
 
     def close(self) -> None:
         """Discard all waiting datagrams."""
-        self.queue.clear()
+        self.under_way.clear()
 
 
 def _peer(text: str) -> tuple[socket.AddressFamily, Any]:
@@ -339,22 +311,12 @@ def _peer(text: str) -> tuple[socket.AddressFamily, Any]:
         raise LinkError(f"fleet peer {text}: {explain(error)}") from None
 
 
-def _check_multicast(link: FleetLink) -> None:
-    """Raise LinkError if the address is not an IPv4 multicast address."""
-    try:
-        right = ip_address(link.address).is_multicast and ip_address(link.address).version == 4
-    except ValueError:
-        right = False
-    if not right:
-        raise LinkError(f"fleet link: {link.address} is not an IPv4 multicast address, such as {MULTICAST}")
-
-
-def _membership(link: FleetLink) -> bytes:
+def _membership(interface: str) -> bytes:
     """Return the kernel's ip_mreqn: the group, and the interface by address or number. Raises OSError."""
     address, number = "0.0.0.0", 0
-    if link.interface:
+    if interface:
         try:
-            address = str(ip_address(link.interface))
+            address = str(ip_address(interface))
         except ValueError:
-            number = socket.if_nametoindex(link.interface)
-    return struct.pack("=4s4si", socket.inet_aton(link.address), socket.inet_aton(address), number)
+            number = socket.if_nametoindex(interface)
+    return struct.pack("=4s4si", socket.inet_aton(MULTICAST), socket.inet_aton(address), number)

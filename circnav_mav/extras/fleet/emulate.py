@@ -4,8 +4,7 @@ import select
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -48,20 +47,12 @@ def emulate_fleet(
             where = f"{first.kind}:{first.host}:{port}"
             lasts = [] if duration is None else ["--duration", str(duration)]
             command = [sys.executable, "-P", "-m", "circnav_sim", str(file), "--endpoint", where, "--speed", str(speed)]
-            processes.append(running.enter_context(_ended(subprocess.Popen([*command, *lasts]))))
+            processes.append(process := subprocess.Popen([*command, *lasts]))
+            running.callback(process.wait)
+            running.callback(process.terminate)
             named = [one for one in overrides if one.startswith(("fleet.", "orbit."))]
             keys = " ".join(f"--set {one}" for one in [*named, f"vehicle.system_id={member}"])
             say(f"member {member} on {where}: fly it with {keys}")
         while any(process.poll() is None for process in processes) and stop.signal_name is None:
             select.select([stop], [], [], LOOK_EVERY)
     return Exit.DONE
-
-
-@contextmanager
-def _ended(process: subprocess.Popen[bytes]) -> Iterator[subprocess.Popen[bytes]]:
-    """Terminate a process at the end."""
-    try:
-        yield process
-    finally:
-        process.terminate()
-        process.wait()

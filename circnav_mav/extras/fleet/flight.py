@@ -4,17 +4,15 @@ The members run in the order of simulated time, so the result is identical on ev
 """
 
 import heapq
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from math import cos, radians, sin
 from pathlib import Path
-from random import Random
-from typing import Protocol
 
 from circnav_sim.config import parse_vehicle
 from circnav_sim.vehicle import Truth, Vehicle
 
-from circnav_mav.extras.fleet.carrier import Datagram, FrameCarrier, LocalNetwork, LocalPort
+from circnav_mav.extras.fleet.carrier import FrameCarrier, LocalNetwork
 from circnav_mav.extras.fleet.onlooker import FleetOnlooker
 from circnav_mav.extras.fleet.report import State
 from circnav_mav.extras.fleet.settings import table_of
@@ -24,6 +22,7 @@ from circnav_mav.pilot import Pilot, TickRecord
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runtime.lockstep import Lockstep
 from circnav_mav.runtime.onlookers import Onlookers
+from circnav_mav.runtime.recorder import Recorder
 from circnav_mav.runtime.runner import Loop
 from circnav_mav.runtime.status import AlarmLog
 
@@ -33,47 +32,6 @@ SAMPLE_EVERY = 0.2
 """Time between two samples of the true tracks, s."""
 SEEDS_APART = 1000
 """Difference of the random seeds of two members; chosen."""
-
-
-class LossyNetwork(LocalNetwork):
-    """Network within one process that drops and delays frames, reproducibly for each seed."""
-
-    def __init__(self, loss: float = 0.0, delay: float = 0.0, seed: int = 0) -> None:
-        """loss: share of frames lost at each receiver. delay: s."""
-        super().__init__()
-        self.cut: set[Hashable] = set()
-        """Addresses that neither send nor receive."""
-        self._loss, self._delay, self._random = loss, delay, Random(f"{seed}:fleet link")
-        self._under_way: dict[Hashable, list[tuple[float, bytes, Hashable]]] = {}
-
-    def port(self, address: Hashable) -> "LossyPort":
-        """Return a new port at an address."""
-        opened = LossyPort(self, address)
-        self._ports.append(opened)
-        return opened
-
-    def deliver(self, frame: bytes, sender: LocalPort, now: float) -> None:
-        """Send a frame to every other port, unless it is lost."""
-        for port in self._ports:
-            lost = self._random.random() < self._loss
-            if port is not sender and not lost and not {port.address, sender.address} & self.cut:
-                way = self._under_way.setdefault(port.address, [])
-                way.append((now + self._delay, frame, sender.address))
-
-    def arrived(self, address: Hashable, now: float) -> list[Datagram]:
-        """Return the frames that have arrived at an address."""
-        way = self._under_way.get(address, [])
-        self._under_way[address] = [one for one in way if one[0] > now]
-        return [(frame, sender) for due, frame, sender in way if due <= now]
-
-
-class LossyPort(LocalPort):
-    """A port of a `LossyNetwork`."""
-
-    def receive(self, most: int, now: float) -> list[Datagram]:
-        """Return at most this number of datagrams that have arrived."""
-        assert isinstance(self._network, LossyNetwork)
-        return self._network.arrived(self.address, now)[:most]
 
 
 def member_overrides(path: str | Path, member: int, overrides: Sequence[str] = (), size: int = 6) -> list[str]:
@@ -101,20 +59,6 @@ def member_overrides(path: str | Path, member: int, overrides: Sequence[str] = (
     if file.orbit.height_above_target_m is not None:
         found.append(f"orbit.height_above_target_m={file.orbit.height_above_target_m + layer:.1f}")
     return [*overrides, *found]
-
-
-class Record(Protocol):
-    """Recorder of one member."""
-
-    @property
-    def problem(self) -> str | None:
-        """Problem of the recording, or None."""
-
-    def step(self, step: LoopStep) -> None:
-        """Record a step."""
-
-    def ticks(self, records: list[TickRecord]) -> None:
-        """Record ticks."""
 
 
 class NoRecord:
@@ -150,7 +94,7 @@ class Member:
     """One member in flight."""
 
     def __init__(
-        self, mission: Mission, carrier: FrameCarrier, recorder: Record, onlookers: Onlookers, pilot: Pilot
+        self, mission: Mission, carrier: FrameCarrier, recorder: Recorder | NoRecord, onlookers: Onlookers, pilot: Pilot
     ) -> None:
         assert mission.file.sim is not None
         self.mission, self.pilot, self.onlookers, self.carrier = mission, pilot, onlookers, carrier
@@ -179,7 +123,7 @@ class Member:
 class FleetFlight:
     """Fleet in flight."""
 
-    def __init__(self, members: Iterable[Member], network: LossyNetwork) -> None:
+    def __init__(self, members: Iterable[Member], network: LocalNetwork) -> None:
         self.members, self.network = list(members), network
         orbit = self.members[0].mission.orbit
         self.tracks = Tracks(orbit.radius, orbit.speed, orbit.direction.turn_sign)
@@ -236,7 +180,7 @@ def bare_fleet(
     seed: int = 0,
 ) -> FleetFlight:
     """Return a fleet without run folders, for tests and benchmarks. each: further overrides of a member, by id."""
-    network = LossyNetwork(loss, delay, seed)
+    network = LocalNetwork(loss, delay, seed)
 
     def members() -> Iterator[Member]:
         for member in range(1, size + 1):

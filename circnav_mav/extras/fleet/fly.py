@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
-from itertools import chain, count
 from math import degrees
 from pathlib import Path
 from typing import Any
@@ -11,10 +10,10 @@ from circnav_mav.cli.check import read_mission, refuse_failing
 from circnav_mav.cli.closing import close_flight, write_manifest
 from circnav_mav.cli.connect import open_onlookers
 from circnav_mav.cli.exits import Exit, Refused, outlive_terminal, refusing, say
-from circnav_mav.cli.fly import EXITS
+from circnav_mav.cli.fly import EXITS, new_folder
 from circnav_mav.cli.verdict import verdict
-from circnav_mav.extras.fleet.carrier import FrameCarrier
-from circnav_mav.extras.fleet.flight import FleetFlight, LossyNetwork, Member, member_overrides
+from circnav_mav.extras.fleet.carrier import FrameCarrier, LocalNetwork
+from circnav_mav.extras.fleet.flight import FleetFlight, Member, member_overrides
 from circnav_mav.extras.fleet.metrics import FleetFigures, figures
 from circnav_mav.extras.fleet.picture import draw_fleet
 from circnav_mav.extras.fleet.settings import table_of
@@ -22,7 +21,7 @@ from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Pilot
 from circnav_mav.runlog.atomic_write import write_json
-from circnav_mav.runtime.clock import local_time_name, steady
+from circnav_mav.runtime.clock import steady
 from circnav_mav.runtime.recorder import Recorder, RecorderError
 from circnav_mav.runtime.runner import StopRequest, wait
 from circnav_mav.runtime.status import AlarmLog
@@ -55,7 +54,7 @@ def fly_fleet(
     refuse_failing(path, missions[0], shown=[Grade.WARN])
     folder = _fleet_folder(out, Path(path).stem)
     seed = (missions[0].file.sim or {}).get("seed", 0)
-    network = LossyNetwork(fleet_loss or 0.0, fleet_delay or 0.0, seed)
+    network = LocalNetwork(fleet_loss or 0.0, fleet_delay or 0.0, seed)
     with ExitStack() as opened:
         # The page of the first member shows the others too.
         rest = options | {"web": None}
@@ -67,17 +66,23 @@ def fly_fleet(
         flight.fly(watch=_watch(members[0].onlookers.pace, stop), stopped=lambda: stop.signal_name)
         found = figures(flight.tracks)
         codes = [_close(member, epoch_us) for member in members]
-    _keep(folder, path, flight, found, codes, fleet_loss, fleet_delay)
-    _show(flight, found, folder)
+    rows = [_row(member, code) for member, code in zip(flight.members, codes, strict=True)]
+    link = {"loss": fleet_loss or 0.0, "delay_s": fleet_delay or 0.0}
+    with refusing(folder):
+        write_json(folder / "fleet.json", {"mission": path, "link": link, **found.plain(), "each": rows})
+    try:
+        draw_fleet(flight.tracks, folder / "fleet.png")
+    except Exception as error:
+        say(f"  WARNING    {folder}/fleet.png could not be made: {error}")
+    _show(found, flight.tracks.radius, rows)
+    say(f"  fleet folder {folder}")
     return max(codes)
 
 
 def _fleet_folder(out: str | None, name: str) -> Path:
     """Return a new or empty folder for the fleet. Raises Refused."""
     if out is None:
-        base = f"{local_time_name()}-{name}-fleet"
-        names = chain((base,), (f"{base}-{number}" for number in count(2)))
-        return next(folder for one in names if not (folder := Path("runs") / one).exists())
+        return new_folder(f"{name}-fleet")
     folder = Path(out)
     with refusing(folder):
         if folder.exists() and any(folder.iterdir()):
@@ -86,7 +91,7 @@ def _fleet_folder(out: str | None, name: str) -> Path:
 
 
 def _member(
-    mission: Mission, network: LossyNetwork, folder: Path, options: dict[str, Any], opened: ExitStack
+    mission: Mission, network: LocalNetwork, folder: Path, options: dict[str, Any], opened: ExitStack
 ) -> Member:
     table = table_of(mission)
     assert table.id is not None
@@ -150,56 +155,41 @@ def _close(member: Member, epoch_us: int) -> Exit:
     return code
 
 
-def _keep(
-    folder: Path, path: str, flight: FleetFlight, found: FleetFigures, codes: Sequence[Exit], loss: float | None,
-    delay: float | None,
-) -> None:  # fmt: skip
-    """Write fleet.json and fleet.png. Raises Refused."""
-    members = [
-        {
-            "id": member.fleet.spacing.settings.member,
-            "folder": f"{member.fleet.spacing.settings.member:02d}",
-            "outcome": member.pilot.mission.outcome.reason if member.pilot.mission.outcome else "",
-            "exit": int(code),
-            "link": member.carrier.summary(),
-            "alarms": member.alarms.begun if member.alarms else [],
-        }
-        for member, code in zip(flight.members, codes, strict=True)
-    ]
-    with refusing(folder):
-        link = {"loss": loss or 0.0, "delay_s": delay or 0.0}
-        write_json(folder / "fleet.json", {"mission": path, "link": link, **found.plain(), "each": members})
-    try:
-        draw_fleet(flight.tracks, folder / "fleet.png")
-    except Exception as error:
-        say(f"  WARNING    {folder}/fleet.png could not be made: {error}")
+def _row(member: Member, code: Exit) -> dict[str, Any]:
+    """Return the entry of a member in fleet.json."""
+    ident, outcome = member.fleet.spacing.settings.member, member.pilot.mission.outcome
+    return {
+        "id": ident,
+        "folder": f"{ident:02d}",
+        "outcome": outcome.reason if outcome else "",
+        "exit": int(code),
+        "link": member.carrier.summary(),
+        "alarms": member.alarms.begun if member.alarms else [],
+    }
 
 
-def _show(flight: FleetFlight, found: FleetFigures, folder: Path) -> None:
-    """Print the results of the fleet."""
+def _show(found: FleetFigures, radius: float, members: Sequence[dict[str, Any]]) -> None:
+    """Print the results of the fleet. radius: of the circle, m."""
 
     def shown(value: float | None, unit: str, unknown: str = "unknown") -> str:
         return unknown if value is None else f"{value:.1f} {unit}"
 
-    say(f"FLEET of {found.members} on {flight.tracks.radius:g} m")
+    say(f"FLEET of {found.members} on {radius:g} m")
     say(f"  on circle   all after {shown(found.all_on_circle_s, 's', 'never')}")
     say(f"  even        within 5 deg {shown(found.even_after_s, 's later', 'never')}")
     worst = found.worst_gap_deg if found.even_after_s is not None else None
     say(f"  worst gap   {shown(worst, 'deg rms', 'unknown: never even')}")
-    radius = "unknown: never all on the circle"
+    kept = "unknown: never all on the circle"
     if found.radius_rms_m is not None and found.radius_spread_m is not None:
-        radius = f"{found.radius_rms_m:.1f} m rms, {found.radius_spread_m:.1f} m around the mean of each member"
-    say(f"  radius      {radius}")
+        kept = f"{found.radius_rms_m:.1f} m rms, {found.radius_spread_m:.1f} m around the mean of each member"
+    say(f"  radius      {kept}")
     flat, up = shown(found.smallest_horizontal_m, "m"), shown(found.smallest_vertical_m, "m")
     say(f"  separation  {flat} horizontally, {up} vertically")
     say(f"  too near    {found.too_near} pairs (within 10 m vertically and 25 m horizontally)")
     say("  member  end                          alarms  reports accepted, rejected")
-    for member in flight.members:
-        outcome, link = member.pilot.mission.outcome, member.carrier.summary()
-        alarms = len(member.alarms.begun) if member.alarms else 0
-        reason = outcome.reason if outcome else ""
+    for one in members:
+        link = one["link"]
         say(
-            f"  {member.fleet.spacing.settings.member:6d}  {reason[:27]:27s}  {alarms:6d}  {link['accepted']:8d}"
+            f"  {one['id']:6d}  {one['outcome'][:27]:27s}  {len(one['alarms']):6d}  {link['accepted']:8d}"
             f" {sum(link['rejected'].values()):9d}"
         )
-    say(f"  fleet folder {folder}")

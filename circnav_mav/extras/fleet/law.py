@@ -10,7 +10,7 @@ such as airspeeds: two vehicles that differ by 2 % stay even only on circles who
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import exp, log, pi, sqrt
 
 from circnav_mav.extras.fleet.phase import LAP, wrapped
@@ -86,10 +86,6 @@ class SpacingSettings:
     inward: float = MAX_RADIUS_CHANGE
     outward: float = LANE
 
-    def limited(self, room: tuple[float, float]) -> "SpacingSettings":
-        """Return the settings with this room (inward, outward), m."""
-        return replace(self, inward=room[0], outward=room[1])
-
     @property
     def most(self) -> float:
         """Largest relative change of the angular rate, symmetric so that the changes of a fleet still sum to zero."""
@@ -105,8 +101,8 @@ class SpacingSettings:
 
 @dataclass(frozen=True, slots=True)
 class OwnState:
-    """Own state at one time. phase, phase_sigma: temporal phase, rad; None if unknown. range: m. shares_layer: True if
-    a member with priority is in the same height layer."""
+    """State of this member at one time. phase, phase_sigma: temporal phase, rad; None if unknown. range: m.
+    shares_layer: True if a member with priority is in the same height layer."""
 
     phase: float | None
     phase_sigma: float
@@ -128,7 +124,7 @@ class Adjustment:
 
 
 class Spacing:
-    """Fleet law of one member: reports and own phase in, changes of radius and speed out. Times: s, on one clock."""
+    """Fleet law of one member: reports and its phase in, changes of radius and speed out. Times: s, on one clock."""
 
     def __init__(self, settings: SpacingSettings) -> None:
         self.settings = settings
@@ -153,7 +149,7 @@ class Spacing:
         return {member: report for member, report in self.known.items() if now - report.stamp <= SILENT}
 
     def phases(self, now: float) -> dict[int, float]:
-        """Return the extrapolated phases of the other members on the circle. Their rate is constant in any wind."""
+        """Return the extrapolated phases of the other members on the circle."""
         ring = {
             member: report
             for member, report in self.present(now).items()
@@ -161,10 +157,7 @@ class Spacing:
         }
         # Skip phases with a sigma above half the even gap: their rank on the ring is uncertain.
         sure = {m: r for m, r in ring.items() if r.phase_sigma <= pi / (len(ring) + 1)}
-        return {
-            member: (report.phase + LAP * (now - report.stamp) / report.lap_period) % LAP
-            for member, report in sure.items()
-        }
+        return {member: report.phase_at(now) % LAP for member, report in sure.items()}
 
     def step(self, now: float, own: OwnState) -> Adjustment:
         """Return the adjustment to fly now."""
@@ -189,7 +182,7 @@ class Spacing:
         return self._adjustment(state, counted, own)
 
     def _state(self, now: float, own: OwnState, others: Mapping[int, float]) -> State:
-        """Return the own state. Enter the circle if there is room."""
+        """Return the state of this member. Enter the circle if there is room."""
         settings = self.settings
         if own.leaving:
             return State.LEAVING

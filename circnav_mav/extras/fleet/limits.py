@@ -5,8 +5,7 @@ from math import degrees, pi, radians
 
 from circnav_mav.extras.fleet.law import SpacingSettings, evenness_floor, least_time_to_even
 from circnav_mav.extras.fleet.settings import FleetTable
-from circnav_mav.guidance.circle_change import CircleLimits, CircleRequest, obstacle
-from circnav_mav.guidance.types import Orbit
+from circnav_mav.guidance.circle_change import CircleRequest, obstacle
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check
 from circnav_mav.mission.mission import Mission
 
@@ -27,26 +26,28 @@ def spacing_settings(mission: Mission, member: int) -> SpacingSettings:
     """Return the spacing settings of a member. The circle limits of the mission bound the modulation."""
     orbit, kind = mission.orbit, mission.file.vehicle.kind
     limits = mission.pilot_settings().circle_limits
-    settings = SpacingSettings(
+    # Room beside the circle, inward and outward, that the mission allows, m.
+    inward, outward = (
+        max(
+            (
+                float(room)
+                for room in range(MAX_ROOM + 1)
+                if not obstacle(CircleRequest(offset=side * room), orbit, limits)
+            ),
+            default=0.0,
+        )
+        for side in (-1, 1)
+    )
+    return SpacingSettings(
         member=member,
         radius=orbit.radius,
         speed=orbit.speed,
         sense=orbit.direction.turn_sign,
         by_speed=kind == "copter",
         trims_speed=kind != "copter" and not limits.keeps_speed,
+        inward=inward,
+        outward=outward,
     )
-    return settings.limited(_room(orbit, limits))
-
-
-def _room(orbit: Orbit, limits: CircleLimits) -> tuple[float, float]:
-    """Return the room inward and outward of the circle that the mission allows, m."""
-
-    def flyable(offset: float) -> bool:
-        return not obstacle(CircleRequest(offset=offset), orbit, limits)
-
-    inward = max((float(room) for room in range(MAX_ROOM + 1) if flyable(-room)), default=0.0)
-    outward = max((float(room) for room in range(MAX_ROOM + 1) if flyable(room)), default=0.0)
-    return inward, outward
 
 
 def fleet_limits(mission: Mission, table: FleetTable) -> Iterator[Check]:

@@ -26,7 +26,7 @@ def listen_to_fleet(mission: Mission, table: FleetTable) -> Iterator[Check]:
 
 
 def refuse_taken(mission: Mission, table: FleetTable) -> None:
-    """Receive reports for a moment. Raises Refused if another member has the own id or is in the own height layer."""
+    """Receive reports for a moment. Raises Refused if another member has this member's id or height layer."""
     newest, rejected, _ = _listen(table, LISTEN_AT_START)
     # Other rejections do not prevent the start: one member with a wrong clock would otherwise ground all members.
     relevant: dict[Rejection, int] = {

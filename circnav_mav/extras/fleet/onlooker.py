@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from circnav_mav.cli.exits import Refused
-from circnav_mav.extras.fleet.carrier import MULTICAST, FleetLink, FrameCarrier, open_carrier
+from circnav_mav.extras.fleet.carrier import FrameCarrier, UdpPort
 from circnav_mav.extras.fleet.evenness import even_from, gap_error, rms
 from circnav_mav.extras.fleet.law import Adjustment, OwnState, Spacing
 from circnav_mav.extras.fleet.limits import spacing_settings
@@ -107,7 +107,7 @@ class FleetOnlooker(Onlooker):
         self._now = 0.0
         self._log = io.StringIO()
         self._gap_errors: list[tuple[float, float]] = []
-        """Time and largest gap error of the ring, s, rad, while the own vehicle is on the circle."""
+        """Time and largest gap error of the ring, s, rad, while this member is on the circle."""
         self._nearest_layer = inf
 
     @property
@@ -119,7 +119,7 @@ class FleetOnlooker(Onlooker):
         self._epoch = 0.0 if self._lockstep else epoch_us / 1e6
 
     def on_step(self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None) -> Sequence[bytes]:
-        """Process received reports, estimate the own phase, and send the own report."""
+        """Process received reports, estimate this member's phase, and send its report."""
         self._now = now = step.time
         if self._pilot.done and self._over_at is None:
             self._over_at = now
@@ -183,8 +183,7 @@ class FleetOnlooker(Onlooker):
             words += "" if isnan(report.height) else f", {report.height:.0f} m high"
             place = None
             if report.state is not State.SEARCH:
-                phase = report.phase + LAP * (self._epoch + now - report.stamp) / report.lap_period
-                angle = self._map.angle(phase)
+                angle = self._map.angle(report.phase_at(self._epoch + now))
                 place = report.radius * cos(angle), self._sense * report.radius * sin(angle)
             if member in ring and self.state is State.ON_CIRCLE and self._own.phase is not None:
                 words += f", {degrees((ring[member] - self._own.phase) % LAP):.0f} deg ahead"
@@ -209,7 +208,7 @@ class FleetOnlooker(Onlooker):
         return layer_lines(heights, self._table.layer_m) if self._pilot.mission.steering and self._flies else []
 
     def report(self, now: float) -> MemberReport:
-        """Return the own report."""
+        """Return this member's report."""
         height, drift = self._pilot.tracker.height.at(now), self._own_drift()
         return MemberReport(
             group=self._table.group,
@@ -250,7 +249,7 @@ class FleetOnlooker(Onlooker):
         if self.carrier is not None:
             self.carrier.close()
 
-    # --- the own phase ------------------------------------------------------------------------------------------------
+    # --- phase of this member -----------------------------------------------------------------------------------------
 
     def _find_phase(self, now: float, dt: float) -> None:
         pilot, estimate = self._pilot, self._pilot.estimate
@@ -310,7 +309,7 @@ class FleetOnlooker(Onlooker):
         return mission.engaged_at is not None and now - mission.engaged_at > self._duration - LEAVE_AHEAD
 
     def _shares_layer(self, now: float) -> bool:
-        """True if another member is in the own height layer and has priority: it is on the circle or has the lower
+        """True if another member is in the same height layer and has priority: it is on the circle or has the lower
         id."""
         height = self._pilot.tracker.height.at(now)
         if height is None or not self._flies:
@@ -349,8 +348,8 @@ def mission_carrier(table: FleetTable) -> FrameCarrier:
     assert table.id is not None
     try:
         key = None if table.key_file is None else read_key(Path(table.key_file))
-        link = FleetLink(MULTICAST, table.port, table.interface, tuple(table.peers or ()))
-        return open_carrier(link, table.group, table.id, key)
+        port = UdpPort(table.port, table.interface, table.peers or ())
+        return FrameCarrier(port, table.group, table.id, key)
     except (LinkError, KeyFileError) as error:
         raise Refused(f"fleet: {error}") from None
 

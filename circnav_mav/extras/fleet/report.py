@@ -1,8 +1,8 @@
-"""Report that every fleet member sends, and the interface of its transport."""
+"""Report that every fleet member sends."""
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Protocol
+from math import tau
 
 
 class State(IntEnum):
@@ -37,15 +37,6 @@ class MemberReport:
     drift: tuple[float, float]
     drift_covariance: tuple[float, float, float]
 
-
-class Carrier(Protocol):
-    """Transport of reports between the companion computers of a fleet."""
-
-    def send(self, report: MemberReport) -> None:
-        """Send a report to every other member."""
-
-    def received(self, now: float) -> list[MemberReport]:
-        """Return the reports accepted since the last call. now: Unix time, or in lockstep the simulated time, s."""
-
-    def close(self) -> None:
-        """Close the transport."""
+    def phase_at(self, stamp: float) -> float:
+        """Return the phase extrapolated to another time, rad, not wrapped. Its rate is constant in any wind."""
+        return self.phase + tau * (stamp - self.stamp) / self.lap_period

@@ -8,7 +8,7 @@ import numpy as np
 import tomlkit
 
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
-from circnav_mav.extras.locate.command import mission_of, read
+from circnav_mav.extras.locate.command import mission_of, name_of, output, read
 from circnav_mav.extras.locate.estimator import (
     CALIBRATED,
     UNCALIBRATED,
@@ -75,8 +75,8 @@ def calibrate_radio(
     source = Path(path)
     with refusing(source):
         flown = mission_of(source)
-        name = range_name or (flown.file.ranging.name if flown is not None else ReadOptions().range_name)
-        log, tag = _radio(read(source, ReadOptions(name, vehicle=vehicle), positions), tag, source)
+        options = ReadOptions(name_of(range_name, flown), vehicle=vehicle)
+        log, tag = _radio(read(source, options, positions), tag, source)
         plane = log.plane()
         track, (ranges, sigma_known) = log.track(plane), log.of(tag, sigma)
         up, up_sigma = _target_height(track, altitude, flown)
@@ -90,14 +90,12 @@ def calibrate_radio(
         for note in log.notes:
             say(f"note: {note}")
         _say(tag, found)
-        lines = keys_of(found.calibration)
-        folder = Path(out) if out else source if source.is_dir() else source.parent
-        folder.mkdir(parents=True, exist_ok=True)
-        name = "calibration" if source.is_dir() else f"{source.stem}.calibration"
-        write_text(folder / f"{name}.toml", "[ranging]\n" + "".join(f"{line}\n" for line in lines))
-        _plot(folder / f"{name}.png", found, tag)
+        lines = [f"{key} = {value}" for key, value in keys_of(found.calibration).items()]
+        results = output(out, source, "calibration")
+        write_text(Path(f"{results}.toml"), "[ranging]\n" + "".join(f"{line}\n" for line in lines))
+        _plot(Path(f"{results}.png"), found, tag)
         say("\n".join(["[ranging]", *lines]))
-        say(f"  written    {folder / name}.toml, .png")
+        say(f"  written    {results}.toml, .png")
         if mission is not None:
             write_into(Path(mission), found.calibration)
             say(f"  written    into {mission}: the next flight uses it")
@@ -145,11 +143,6 @@ def measure(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> Cal
     return curved
 
 
-def keys_of(calibration: Calibration) -> list[str]:
-    """Return the lines of [ranging] for a calibration."""
-    return [f"{key} = {value}" for key, value in _keys(calibration).items()]
-
-
 def write_into(file: Path, calibration: Calibration) -> None:
     """Write a calibration into a mission file. Comments and other keys are kept. Raises Refused, OSError."""
     with refusing(file, MissionError):
@@ -159,12 +152,13 @@ def write_into(file: Path, calibration: Calibration) -> None:
     assert isinstance(table, tomlkit.items.Table)
     for key in ("scale", "bias_m", "delay_s", "points_m"):
         table.pop(key, None)
-    for key, value in _keys(calibration).items():
+    for key, value in keys_of(calibration).items():
         table[key] = value
     write_text(file, tomlkit.dumps(document))
 
 
-def _keys(calibration: Calibration) -> dict[str, float | list[list[float]]]:
+def keys_of(calibration: Calibration) -> dict[str, float | list[list[float]]]:
+    """Return the keys of [ranging] for a calibration."""
     if calibration.points:
         keys: dict[str, float | list[list[float]]] = {"points_m": [list(point) for point in calibration.points]}
     else:
@@ -216,21 +210,21 @@ def _bins(true: Array, error: Array) -> list[Bin]:
 def _say(tag: str, found: CalibrationFit) -> None:
     place, calibration = found.place, found.calibration
     say(f"{tag}: {place.used} ranges, noise {place.noise:.2f} m, beacon at {place.words()}")
-    say("  true range     reported too long by    spread    ranges")
+    say("  true range     reported minus true     spread    ranges")
     for one in _bins(found.true, found.error):
         say(f"  {one.true:8.1f} m     {one.error:+10.2f} m        {one.spread:8.2f} m  {one.count:6d}")
-    error, sigma = place.range_error(place.range_scale)
+    error = place.range_error_words()
     if calibration.points:
         say("  radio      not linear: a table of points")
     elif place.scale_found:
         scale = f"scale {1 + place.scale:.4f} ±{place.scale_sigma:.4f}"
         say(f"  radio      {scale}, bias {place.bias:+.2f} ±{place.bias_sigma:.2f} m")
     elif found.scale_sigma < SHARP:
-        say(f"  radio      {error:+.2f} ±{sigma:.2f} m too long; scale 1 within {found.scale_sigma:.4f}")
+        say(f"  radio      {error}; scale 1 within {found.scale_sigma:.4f}")
     else:
         say(
-            f"  radio      {error:+.2f} ±{sigma:.2f} m too long at {place.range_scale:.0f} m. Scale and bias not "
-            "separately observable: valid at this range only; also fly the approach or a second radius"
+            f"  radio      {error}. Scale and bias not separately observable: valid at this range only; also fly the "
+            "approach or a second radius"
         )
     if not place.up_known:
         say("  WARNING    the height of the beacon is unknown, its effect looks like a bias: give --altitude")
@@ -250,7 +244,7 @@ def _plot(path: Path, found: CalibrationFit, tag: str) -> None:
         axis.plot(true, error, ".", ms=2, alpha=0.4, label="ranges")
         axis.plot(line, [calibration.reported(one) - one for one in line], color="#d55e00", label="calibration")
         low, high = np.percentile(error, [1, 99])
-        axis.set(xlabel="true range, m", ylabel="reported too long by, m", ylim=(low - 2, high + 2))
+        axis.set(xlabel="true range, m", ylabel="reported minus true range, m", ylim=(low - 2, high + 2))
         axis.set_title(literal(f"{tag}: {calibration.describe()}"))
         axis.legend(fontsize=8)
         save(figure, path)

@@ -45,11 +45,10 @@ def locate_log(
     source = Path(path)
     with refusing(source):
         flown = mission_of(source)
-        name = range_name or (flown.file.ranging.name if flown is not None else ReadOptions().range_name)
         unit = None if units is None else meters_in(units)
         if units is not None and unit is None:
             raise Refused(f"--units {units}: is not a unit: {', '.join(UNITS)}, or the length of the unit in meters")
-        options = ReadOptions(name, unit, range_columns, _zone(timezone), vehicle)
+        options = ReadOptions(name_of(range_name, flown), unit, range_columns, _zone(timezone), vehicle)
         with _busy(f"reading {printable(source.name)}"):
             logs = read(source, options, positions)
         if flown is not None:
@@ -122,6 +121,18 @@ def mission_of(source: Path) -> Mission | None:
         return load_mission(file)
 
 
+def name_of(given: str | None, mission: Mission | None) -> str:
+    """Return the name of the messages with the ranges: as given, else of the mission, else the default."""
+    return given or (ReadOptions().range_name if mission is None else mission.file.ranging.name)
+
+
+def output(out: str | None, source: Path, kind: str) -> Path:
+    """Return the path of the results of a log, without suffix: in the folder `out`, else beside the log."""
+    folder = Path(out) if out else source if source.is_dir() else source.parent
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder / (kind if source.is_dir() else f"{source.stem}.{kind}")
+
+
 def _busy(what: str) -> Progress:
     """Return a line with the elapsed time, shown on a terminal while it is open."""
     console = Console(stderr=True)
@@ -165,12 +176,9 @@ def _say(place: Place, known: Knowledge) -> None:
     )
     if not place.up_known:
         say(f"  height     {NOT_OBSERVABLE}")
-    error, sigma = place.range_error(place.range_scale)
-    sign = "long" if error > 0 else "short"
-    at = f"{abs(error):.2f} ±{sigma:.2f} m too {sign} at {place.range_scale:.0f} m"
     bias = f"bias {place.bias:+.2f} ±{place.bias_sigma:.2f} m"
     scale = f"scale {1 + place.scale:.4f} ±{place.scale_sigma:.4f}" if place.scale_found else NO_SCALE
-    say(f"  ranges     noise {place.noise:.2f} m; {at}")
+    say(f"  ranges     noise {place.noise:.2f} m; {place.range_error_words()}")
     say(f"  radio      {bias}, {scale}")
     late = f"timestamps of positions are {place.delay:+.2f} ±{place.delay_sigma:.2f} s later than timestamps of ranges"
     known_clocks = place.delay_sigma < known.delay_sigma
@@ -186,11 +194,8 @@ def _say(place: Place, known: Knowledge) -> None:
 
 def _write(out: str | None, source: Path, places: dict[str, Place], logs: Sequence[RangeLog]) -> None:
     """Write GeoJSON, KML and the picture."""
-    folder = Path(out) if out else source if source.is_dir() else source.parent
-    name = "locate" if source.is_dir() else f"{source.stem}.locate"
-    folder.mkdir(parents=True, exist_ok=True)
-    table = geojson(places, *tracks(logs))
-    write_text(folder / f"{name}.geojson", table)
-    write_text(folder / f"{name}.kml", kml(places))
-    plot_map(folder / f"{name}.png", table, printable(str(source)))
-    say(f"  written    {folder / name}.geojson, .kml, .png")
+    path, table = output(out, source, "locate"), geojson(places, *tracks(logs))
+    write_text(Path(f"{path}.geojson"), table)
+    write_text(Path(f"{path}.kml"), kml(places))
+    plot_map(Path(f"{path}.png"), table, printable(str(source)))
+    say(f"  written    {path}.geojson, .kml, .png")

@@ -6,23 +6,35 @@ from circnav_mav.cli.describe import Finite, Folder, command
 
 ERROR = Finite(0.001, 1000)
 """Standard deviation, m."""
+VEHICLE = click.option(
+    "--vehicle", type=click.IntRange(1, 255), metavar="ID", help="Only this vehicle of a tlog (system id)."
+)
+POSITIONS = click.option(
+    "--positions", type=click.Path(), metavar="FILE", help="File with the positions: GPX, .pos, NMEA, a log."
+)
+RANGE_NAME = click.option(
+    "--range-name", metavar="NAME", help="NAMED_VALUE, debug key or MESSAGE.FIELD that is the range."
+)
+SIGMA = click.option(
+    "--sigma", type=ERROR, metavar="M", help="Noise of the ranges, if the log has none. [default: as measured]"
+)
+GPS_SIGMA = click.option("--gps-sigma", type=ERROR, default=1.5, metavar="M", help="Error of the positions.")
+OUT = click.option("--out", type=Folder(), metavar="DIR", help="Output folder. [default: beside the log]")
 
 
 @command("circnav_mav.extras.locate.command:locate_log", short_help="Locate the targets of a log.")
 @click.argument("path", type=click.Path(), metavar="RUN|LOG")
 @click.option("--tag", "tags", multiple=True, metavar="ID", help="Only this tag. May be repeated. [default: all]")
-@click.option("--vehicle", type=click.IntRange(1, 255), metavar="ID", help="Only this vehicle of a tlog (system id).")
-@click.option("--positions", type=click.Path(), metavar="FILE", help="File with the positions: GPX, .pos, NMEA, a log.")
-@click.option("--range-name", metavar="NAME", help="NAMED_VALUE, debug key or MESSAGE.FIELD that is the range.")
+@VEHICLE
+@POSITIONS
+@RANGE_NAME
 @click.option("--range-column", "range_columns", multiple=True, metavar="NAME", help="Column of a CSV with ranges.")
 @click.option("--units", metavar="UNIT", help="Unit of the ranges: m, cm, ft, nmi ... [default: the log's, or m]")
 @click.option(
     "--timezone", metavar="ZONE", help="Time zone of times without one: +02:00, Europe/Vienna. [default: UTC]"
 )
-@click.option(
-    "--sigma", type=ERROR, metavar="M", help="Noise of the ranges, if the log has none. [default: as measured]"
-)
-@click.option("--gps-sigma", type=ERROR, default=1.5, metavar="M", help="Error of the positions.")
+@SIGMA
+@GPS_SIGMA
 @click.option(
     "--bias", type=ERROR, default=2.0, metavar="M", help="Standard deviation of a common error of all ranges."
 )
@@ -33,7 +45,7 @@ ERROR = Finite(0.001, 1000)
     help="Altitude of the target, if known, with the log's reference.",
 )
 @click.option("--params", type=click.Choice(["px4", "ardupilot"]), help="Also print the places as parameters.")
-@click.option("--out", type=Folder(), metavar="DIR", help="Output folder. [default: beside the log]")
+@OUT
 def locate() -> None:
     """Locate the targets of a log. Writes GeoJSON, KML and a picture.
 
@@ -55,18 +67,16 @@ def locate() -> None:
 )
 @click.argument("path", type=click.Path(), metavar="RUN|LOG")
 @click.option("--tag", metavar="ID", help="The radio, if the log has several.")
-@click.option("--vehicle", type=click.IntRange(1, 255), metavar="ID", help="Only this vehicle of a tlog (system id).")
-@click.option("--positions", type=click.Path(), metavar="FILE", help="File with the positions: GPX, .pos, NMEA, a log.")
-@click.option("--range-name", metavar="NAME", help="NAMED_VALUE, debug key or MESSAGE.FIELD that is the range.")
-@click.option(
-    "--sigma", type=ERROR, metavar="M", help="Noise of the ranges, if the log has none. [default: as measured]"
-)
-@click.option("--gps-sigma", type=ERROR, default=1.5, metavar="M", help="Error of the positions.")
+@VEHICLE
+@POSITIONS
+@RANGE_NAME
+@SIGMA
+@GPS_SIGMA
 @click.option(
     "--altitude", type=Finite(-1e6, 1e6), metavar="M", help="Altitude of the beacon, with the log's reference."
 )
 @click.option("--mission", type=click.Path(), metavar="FILE", help="Also write the keys into this mission.")
-@click.option("--out", type=Folder(), metavar="DIR", help="Output folder. [default: beside the log]")
+@OUT
 def calibrate() -> None:
     """Measure the error of a radio over its range by a flight with GPS, and write it for the mission.
 

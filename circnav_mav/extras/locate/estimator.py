@@ -7,7 +7,7 @@ realistic covariance: GPS errors are correlated, and a lap averages little of th
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,10 +107,8 @@ def locate(
     place = _locate(plane, track, ranges, known, near)
     if known.scale_sigma >= UNCALIBRATED:
         return place
-    if isinstance(place, Place) and known.sigma_known:
-        quiet = place.noise < EXPLAINED * float(np.median(ranges.sigma))
-        if quiet and abs(place.bias) < SIGNIFICANT * place.bias_sigma:
-            return place
+    if _explains(place, ranges, known) and abs(place.bias) < SIGNIFICANT * place.bias_sigma:
+        return place
     # Most radios measure true meters, and a free scale that is hardly observable makes the place less certain. So the
     # scale is free only if the ranges contradict 1. The noise does not decide: a scale error looks like noise.
     free = _locate(plane, track, ranges, replace(known, scale_sigma=UNCALIBRATED), near)
@@ -130,10 +128,8 @@ def _locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: 
     newest = ranges.take(ranges.time >= ranges.time[-1] - MOVING_WINDOW)
     if len(newest.r) < LEAST:
         return still
-    if isinstance(still, Place) and known.sigma_known:
-        quiet = still.noise < EXPLAINED * float(np.median(ranges.sigma))
-        if quiet and still.outliers < 0.2 * still.used:
-            return still  # a stationary target explains the ranges
+    if _explains(still, ranges, known) and still.outliers < 0.2 * still.used:
+        return still
     moving = _Problem(track, newest, known, moves=True)
     fits = [moving.fit(start) for start in _moving_starts(track, newest, still, near)]
     fit = min(filter(None, fits), key=lambda one: one.cost, default=None)
@@ -155,6 +151,13 @@ def locate_as_it_shows(plane: Plane, track: Track, ranges: Ranges, known: Knowle
         if isinstance(rough, Place):
             ranges = replace(ranges, sigma=np.full(len(ranges.r), max(rough.noise, 0.01)))
     return locate(plane, track, ranges, known)
+
+
+def _explains(place: Place | NotLocated, ranges: Ranges, known: Knowledge) -> TypeGuard[Place]:
+    """True if a place explains the ranges: their noise is about the known sigma."""
+    if not isinstance(place, Place) or not known.sigma_known:
+        return False
+    return place.noise < EXPLAINED * float(np.median(ranges.sigma))
 
 
 def _apart(track: Track, ranges: Ranges) -> str:

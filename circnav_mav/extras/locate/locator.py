@@ -85,12 +85,11 @@ FRESH_RANGE = 2.0
 
 @dataclass(frozen=True, slots=True)
 class LocateSettings:
-    """component: own MAVLink component id. gps_sigma, range_bias_sigma: standard deviations, m. beacon: True to send
+    """component: own MAVLink component id. gps_sigma: standard deviation of a position, m. beacon: True to send
     RANGING_BEACON with the estimated place. camera: True to point the camera at the place."""
 
     component: int
     gps_sigma: float = 1.5
-    range_bias_sigma: float = 2.0
     beacon: bool = False
     camera: bool = False
     handback: HandBackSettings | None = None
@@ -270,8 +269,7 @@ class Locator:
         ranges = Ranges(*np.array(self._ranges).T)
         height = self._pilot.tracker.height.at(now)
         up, sigma = (self._home, HOME_SIGMA) if height is None else (self._track[-1][3] - height, HEIGHT_SIGMA)
-        known = Knowledge(up=up, up_sigma=sigma, gps_sigma=self._gps_sigma, bias_sigma=self._settings.range_bias_sigma)
-        return self.plane, track, ranges, known, self.place
+        return self.plane, track, ranges, Knowledge(up=up, up_sigma=sigma, gps_sigma=self._gps_sigma), self.place
 
     def found(self, place: Place | NotLocated) -> None:
         """Process the result of a job. Keep the previous place if none was found."""

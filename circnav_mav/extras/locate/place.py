@@ -128,6 +128,11 @@ class Place:
         slope = np.array([1.0, length])
         return self.bias + self.scale * length, float(np.sqrt(slope @ self.radio_covariance @ slope))
 
+    def range_error_words(self) -> str:
+        """Return the range error at the median range, as text."""
+        error, sigma = self.range_error(self.range_scale)
+        return f"{abs(error):.2f} ±{sigma:.2f} m too {'long' if error > 0 else 'short'} at {self.range_scale:.0f} m"
+
     @property
     def moves(self) -> bool:
         """True if the target moves."""

@@ -27,6 +27,7 @@ class RangeLog:
 
     ranges: by tag. vehicle: its name in the log, empty if the log has only one. epoch: seconds from 1970 to the zero
     of the log's times, None if the log does not carry UTC. notes: assumptions and removed values, one line each.
+    names: other values in the log that may be ranges, by the name that --range-name takes.
     """
 
     positions: list[Position] = field(default_factory=list)
@@ -34,6 +35,7 @@ class RangeLog:
     vehicle: str = ""
     epoch: float | None = None
     notes: list[str] = field(default_factory=list)
+    names: set[str] = field(default_factory=set)
 
     def add(self, tag: str, time: float, slant: float, sigma: float = nan) -> None:
         """Add a range."""

@@ -1,37 +1,11 @@
 """Lines of the survey in a flight's verdict, and its section in the report."""
 
-from typing import Annotated, Any, Self
-
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from typing import Any
 
 from circnav_mav.runlog.run_folder import Run
 
-
-class SurveyedPlace(BaseModel):
-    """Place of the target in summary.json. A moving target has a course."""
-
-    latitude_deg: Annotated[float, Field(ge=-90, le=90)]
-    longitude_deg: Annotated[float, Field(ge=-180, le=180)]
-    altitude_m: float | None
-    sigma_m: float
-    time_s: float
-    moves: bool
-    speed_mps: float
-    course_deg: float | None
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.moves and self.course_deg is None:
-            raise ValueError("what moves has a course")
-        return self
-
-
-def surveyed_place(run: Run) -> SurveyedPlace | None:
-    """Return the place in a run's summary, None if it is missing or damaged."""
-    try:
-        return SurveyedPlace.model_validate(run.summary.get("place"))
-    except ValidationError:
-        return None
+SHOWN = ("latitude_deg", "longitude_deg", "altitude_m", "sigma_m", "time_s", "moves", "speed_mps", "course_deg")
+"""Fields of the place in summary.json that the report shows."""
 
 
 def verdict_lines(found: dict[str, Any]) -> list[str]:
@@ -57,10 +31,10 @@ def report_section(run: Run) -> str:
     from circnav_mav.extras.locate.map_picture import plot_map
     from circnav_mav.report.page import picture, rows
 
-    table, place = run.folder / "target.geojson", surveyed_place(run)
-    if place is None or not table.is_file():
+    table, place = run.folder / "target.geojson", run.summary.get("place")
+    if not place or not table.is_file():
         return ""
     plot_map(run.folder / "target.png", table.read_text(encoding="utf-8"), f"{run.name}: the target")
     image = picture(run.folder / "target.png", "map of the target", ' style="max-width:100%"')
-    known = {name: str(value) for name, value in place.model_dump(exclude_none=True).items()}
+    known = {name: str(place[name]) for name in SHOWN if place[name] is not None}
     return f"<h2>Target on the map</h2>{image}<table>{rows(known)}</table>"

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from math import cos, isfinite, pi, sin
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from foxglove_schemas_protobuf.Color_pb2 import Color
@@ -29,27 +29,16 @@ from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
-from pydantic import BaseModel, Field, ValidationError
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.frames import heading_enu_from_yaw_ned
 from circnav_mav.runlog.atomic_write import atomic_write
 from circnav_mav.runlog.events import events
 from circnav_mav.runlog.run_folder import Run
-from circnav_mav.runlog.ticks import LONGEST, Column, Ticks
+from circnav_mav.runlog.ticks import Column, Ticks
 from circnav_mav.runlog.tlog import read_messages
 
 TRUTH_COLUMNS = ("time", "north", "east", "target_north", "target_east", "radius", "turn_rate")
-
-
-class Surveyed(BaseModel):
-    """The surveyed place of the target in summary.json: the values that are drawn."""
-
-    latitude_deg: Annotated[float, Field(ge=-90, le=90)]
-    longitude_deg: Annotated[float, Field(ge=-180, le=180)]
-    altitude_m: float | None
-    sigma_m: Annotated[float, Field(gt=0, lt=1e9)]
-    time_s: Annotated[float, Field(ge=0, lt=LONGEST)]
 
 
 def export_mcap(runs: Mapping[str, Run], path: Path) -> dict[str, int]:
@@ -218,14 +207,12 @@ def _fixes(run: Run) -> Iterator[Entry]:
 
 def _target(run: Run) -> Iterator[Entry]:
     """Yield the surveyed place of the target from the summary."""
-    try:
-        place = Surveyed.model_validate(run.summary.get("place"))
-    except ValidationError:
+    if not (place := run.summary.get("place")):
         return
-    variance = place.sigma_m**2
-    yield "/target", place.time_s, LocationFix(
-        frame_id=BEACON, latitude=place.latitude_deg, longitude=place.longitude_deg, altitude=place.altitude_m or 0.0,
-        position_covariance=[variance, 0, 0, 0, variance, 0, 0, 0, 0],
+    variance = place["sigma_m"] ** 2
+    yield "/target", place["time_s"], LocationFix(
+        frame_id=BEACON, latitude=place["latitude_deg"], longitude=place["longitude_deg"],
+        altitude=place["altitude_m"] or 0.0, position_covariance=[variance, 0, 0, 0, variance, 0, 0, 0, 0],
         position_covariance_type=LocationFix.APPROXIMATED,
     )  # fmt: skip
 

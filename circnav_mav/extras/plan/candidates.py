@@ -126,11 +126,9 @@ def holds_ground_speed(mission: Mission) -> bool:
 
 def survey_sigma(mission: Mission, seconds: float) -> float | None:
     """Return the expected standard deviation of the beacon's place, m, if an extra computes it."""
-    forecasts = (one.survey_forecast for one in extensions() if one.survey_forecast is not None)
-    for reference in forecasts:
-        sigma: float | None = load(reference)(mission, seconds)
-        return sigma
-    return None
+    reference = next((one.survey_forecast for one in extensions() if one.survey_forecast), None)
+    sigma: float | None = load(reference)(mission, seconds) if reference else None
+    return sigma
 
 
 def recommended(found: Sequence[Candidate]) -> tuple[Candidate, str]:

@@ -2,12 +2,13 @@
 error. It has no MAVLink and no estimator: an upper bound for the quality of the fleet law."""
 
 from dataclasses import dataclass, field
-from math import atan2, cos, exp, hypot, pi, radians, sin, sqrt
+from math import atan2, cos, exp, hypot, inf, pi, sin, sqrt
 
 import numpy as np
 
-from circnav_mav.extras.fleet.law import Adjustment, OwnState, Spacing, SpacingSettings, gaps
-from circnav_mav.extras.fleet.phase import LAP, PhaseMap, circle_angle
+from circnav_mav.extras.fleet.evenness import even_from, gap_error
+from circnav_mav.extras.fleet.law import Adjustment, OwnState, Spacing, SpacingSettings
+from circnav_mav.extras.fleet.phase import PhaseMap, circle_angle
 from circnav_mav.extras.fleet.report import MemberReport, State
 from circnav_mav.guidance.step import LawChoice, Steering
 from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate, RelativeMotion
@@ -125,25 +126,11 @@ class Fleet:
 
     def gap_errors(self) -> np.ndarray:
         """Largest gap error of the members on the circle at every step, deg; nan for fewer than two."""
-        found = []
-        for phases, ring in zip(self.phases, self.ring, strict=True):
-            on = [phase for phase, one in zip(phases, ring, strict=True) if one]
-            found.append(max(abs(gap - LAP / len(on)) for gap in gaps(on)) if len(on) > 1 else np.nan)
-        return np.degrees(np.array(found))
+        pairs = zip(np.array(self.phases), np.array(self.ring), strict=True)
+        return np.degrees([gap_error(phases[ring].tolist()) for phases, ring in pairs])
 
 
-def time_to_even(errors: np.ndarray, within: float = 5.0, since: float = 0.0, lasts: float = 20.0) -> float:
-    """Time since `since`, s, until all gaps are within some degrees for 20 s; infinite if they never are."""
-    first, hold = round(since / STEP), round(lasts / STEP)
-    ok = errors <= within
-    for k in range(first, len(ok) - hold):
-        if ok[k : k + hold].all():
-            return (k - first) * STEP
-    return float("inf")
-
-
-def rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.nanmean(values**2)))
-
-
-__all__ = ["Fleet", "World", "radians", "rms", "time_to_even"]
+def time_to_even(errors: np.ndarray, since: float = 0.0) -> float:
+    """Time since `since`, s, until all gaps are within 5 deg for 20 s; infinite if they never are."""
+    found = even_from(STEP * np.arange(len(errors)), np.radians(errors), since)
+    return inf if found is None else found - since

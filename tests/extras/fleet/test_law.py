@@ -5,10 +5,11 @@ from math import nan, pi, radians
 import numpy as np
 import pytest
 
+from circnav_mav.extras.fleet.evenness import rms
 from circnav_mav.extras.fleet.law import SILENT, OwnState, Spacing, SpacingSettings, gaps, slot_errors
 from circnav_mav.extras.fleet.phase import LAP, Drift, PhaseMap, intersected
 from circnav_mav.extras.fleet.report import MemberReport, State
-from tests.extras.fleet.kinematic import STEP, Fleet, World, rms, time_to_even
+from tests.extras.fleet.kinematic import STEP, Fleet, World, time_to_even
 
 
 def report(member, phase, stamp=0.0, state=State.ON_CIRCLE, sigma=0.01, sense=1):

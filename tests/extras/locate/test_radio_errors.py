@@ -109,7 +109,7 @@ def test_the_command_prints_plots_and_writes_the_keys_into_a_mission(tmp_path, c
     printed = capsys.readouterr().out
     ranging = load_mission(mission).file.ranging
     assert ranging.scale == pytest.approx(1.07, abs=0.005) and ranging.bias_m == pytest.approx(1.5, abs=0.7)
-    assert f"scale = {ranging.scale}" in printed and "reported too long by" in printed
+    assert f"scale = {ranging.scale}" in printed and "reported minus true" in printed
     assert (tmp_path / "flight.calibration.png").exists() and (tmp_path / "flight.calibration.toml").exists()
     assert "# MAVLink message that carries the range" in mission.read_text()
 

@@ -19,7 +19,8 @@ import numpy as np
 from circnav_sim.sensor import CHARACTERS
 from circnav_sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG
 
-from circnav_mav.extras.locate.locator import HOME_SIGMA, LocateSettings, Locator
+from circnav_mav.extras.locate.estimator import Knowledge
+from circnav_mav.extras.locate.locator import HOME_SIGMA, Locator
 from circnav_mav.extras.locate.place import CHI95, Place
 from tests.extras.locate.flown import Surveyed, laps, nees, surveyed
 
@@ -119,7 +120,7 @@ def bound(flown: Surveyed, locator: Locator) -> tuple[float, float]:
     white = radio.noise_m if kind.white is None else kind.white
     drift = kind.drift**2 * np.exp(-np.abs(times[:, None] - times) / kind.drift_time)
     fisher = slopes.T @ np.linalg.solve(drift + white**2 * np.eye(len(times)), slopes)
-    fisher[[2, 3], [2, 3]] += HOME_SIGMA**-2, LocateSettings(0).range_bias_sigma ** -2
+    fisher[[2, 3], [2, 3]] += HOME_SIGMA**-2, Knowledge(0.0).bias_sigma ** -2
     variances = np.diag(np.linalg.inv(fisher))
     return CHI95 * float(np.sqrt(variances[:2].mean())), 1.96 * float(np.sqrt(variances[2]))
 

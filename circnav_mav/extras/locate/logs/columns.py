@@ -59,8 +59,6 @@ IN_BRACKETS = re.compile(r"(.*?)[\s_]*[\[({]\s*([^\])}]*?)\s*[\])}]\s*")
 BEHIND = re.compile(r"(.*?)[\s_,:/.-]+([a-zµμ0-9]+)")
 MAX_FILE = 1_000_000_000
 """Largest file size, bytes: a table is read as a whole."""
-MAX_TAG = 100
-"""Largest length of a tag, characters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,8 +101,6 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
             log.positions.append((time, latitude, (longitude + 180) % 360 - 180, altitude))
         sigma = cells.number("sigma") * meters.get("sigma", 1.0)
         tag = printable(cells.text("tag"))
-        if len(tag) > MAX_TAG:
-            raise RunError(f"line {cells.line}: tag: is longer than {MAX_TAG} characters")
         for column in table.ranges:
             factor = options.unit or column.factor or 1.0
             slant = cells.number("range", column) * factor
@@ -168,7 +164,9 @@ def _columns(header: Sequence[str], options: ReadOptions) -> tuple[dict[str, Col
     found: dict[str, list[tuple[int, Column]]] = {}
     for index, given in enumerate(header):
         for name, aliases in NAMES.items():
-            compact, factor = _name_and_unit(given, name)
+            compact, factor = _name_and_unit(given, UNIT_OF.get(name, {}))
+            if name == "time" and factor is None and compact in SECONDS:
+                compact, factor = "seconds", SECONDS[compact]
             order = aliases.split()
             if compact in order:
                 found.setdefault(name, []).append((order.index(compact), Column(index, given.strip(), factor)))
@@ -177,33 +175,24 @@ def _columns(header: Sequence[str], options: ReadOptions) -> tuple[dict[str, Col
     if options.range_columns:
         by_header = {given.strip().lower(): index for index, given in enumerate(header)}
         picked = [name for name in options.range_columns if name.strip().lower() in by_header]
-        ranges = [Column(by_header[name.strip().lower()], name.strip(), _unit_behind(name, METERS)) for name in picked]
+        ranges = [
+            Column(by_header[name.strip().lower()], name.strip(), _name_and_unit(name, METERS)[1]) for name in picked
+        ]
         if len(picked) < len(options.range_columns):
             ranges = []
     return columns, ranges
 
 
-def _name_and_unit(header: str, name: str) -> tuple[str, float | None]:
+def _name_and_unit(header: str, units: dict[str, float]) -> tuple[str, float | None]:
     """Split a header such as "Range (ft)" or "alt_m" into a compact name and the factor of its unit."""
-    text, units = header.strip().lower(), UNIT_OF.get(name, {})
+    text = header.strip().lower()
     for pattern in (IN_BRACKETS, BEHIND):
         match = pattern.fullmatch(text)
         unit = _compact(match[2]) if match else ""
         if match and unit in units:
             return _compact(match[1]), units[unit]
     compact = _compact(text)
-    if name == "time" and compact in SECONDS:
-        return "seconds", SECONDS[compact]
     return compact, GLUED.get(compact)
-
-
-def _unit_behind(header: str, units: dict[str, float]) -> float | None:
-    """Return the factor of the unit at the end of a header."""
-    for pattern in (IN_BRACKETS, BEHIND):
-        match = pattern.fullmatch(header.strip().lower())
-        if match and _compact(match[2]) in units:
-            return units[_compact(match[2])]
-    return None
 
 
 def _compact(text: str) -> str:
@@ -242,17 +231,15 @@ class _Cells:
     line: int
     table: Table
 
-    def text(self, name: str) -> str:
+    def text(self, name: str, column: Column | None = None) -> str:
         """Return the text of a cell, empty if it is missing or marked as empty."""
-        column = self.table.columns.get(name)
+        column = column or self.table.columns.get(name)
         cell = self.row[column.index].strip() if column and column.index < len(self.row) else ""
         return "" if cell.lower() in EMPTY else cell
 
     def number(self, name: str, column: Column | None = None) -> float:
         """Return the number in a cell, NaN if it is empty. Raises RunError."""
-        column = column or self.table.columns.get(name)
-        cell = self.row[column.index].strip() if column and column.index < len(self.row) else ""
-        if cell.lower() in EMPTY:
+        if not (cell := self.text(name, column)):
             return nan
         given = cell
         if self.table.decimal_comma:

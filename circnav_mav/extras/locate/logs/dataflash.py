@@ -9,9 +9,9 @@ from typing import Any
 
 from pymavlink.DFReader import DFReader, DFReader_binary, DFReader_text
 
-from circnav_mav.extras.locate.logs.interface import FAR, FIX_3D, Format, ReadOptions, listed, with_fix
+from circnav_mav.extras.locate.logs.interface import FAR, FIX_3D, Format, ReadOptions, with_fix
 from circnav_mav.extras.locate.place import Plane
-from circnav_mav.extras.locate.range_log import EmptyLogError, Position, RangeLog
+from circnav_mav.extras.locate.range_log import Position, RangeLog
 from circnav_mav.mav.ranging.distance_sensor import DOWNWARD
 from circnav_mav.runlog.run_folder import RunError
 
@@ -57,7 +57,6 @@ def _collect(reader: DFReader, options: ReadOptions) -> RangeLog:
     named, _, field = options.range_name.partition(".")
     fields = {format.name: format.columns for format in reader.formats.values() if format.name not in NO_READINGS}
     with_names = {name for name, columns in fields.items() if "Name" in columns and {"Val", "Value"} & set(columns)}
-    names = set[str]()
     for time, message in _messages(reader, {"POS", "ORGN", "XKF1", "GPS", "RFND", "BCN", *with_names, named}):
         kind = message.get_type()
         match kind:
@@ -80,7 +79,7 @@ def _collect(reader: DFReader, options: ReadOptions) -> RangeLog:
                 for number, name in enumerate(BEACONS[: message.Cnt]):
                     _add(log, f"beacon {number}", time, getattr(message, name), options)
             case _ if kind in with_names:
-                names.add(message.Name)
+                log.names.add(message.Name)
                 if message.Name == options.range_name:
                     value = message.Value if "Value" in fields[kind] else message.Val
                     _add(log, options.range_name, time, value, options)
@@ -88,20 +87,9 @@ def _collect(reader: DFReader, options: ReadOptions) -> RangeLog:
             _add(log, options.range_name, time, getattr(message, field), options)
     # Prefer the filter's position, as telemetry does. The GPS receiver's position comes last.
     log.positions = next((track for rows in tracks.values() if len(track := with_fix(rows)) > 1), [])
-    if options.ranges and not log.ranges:
-        _refuse_other_names(names, fields, options)
+    log.names |= {f"{name}.{one}" for name, columns in fields.items() for one in columns
+                  if one.lower().startswith(LIKE_RANGES) and not name.startswith(("RFND", "NKF", "XKF"))}  # fmt: skip
     return log
-
-
-def _refuse_other_names(names: set[str], fields: dict[str, list[str]], options: ReadOptions) -> None:
-    """Raise EmptyLogError if the log has fields that may be ranges under another name."""
-    names |= {f"{name}.{one}" for name, columns in fields.items() for one in columns
-              if one.lower().startswith(LIKE_RANGES) and not name.startswith(("RFND", "NKF", "XKF"))}  # fmt: skip
-    if names:
-        raise EmptyLogError(
-            f"no ranges in it: {DATAFLASH.ranges}, and none under the name {options.range_name!r}. Fields that may "
-            f"be ranges: {listed(names)}. Give one: --range-name NAME"
-        )
 
 
 def _messages(reader: DFReader, wanted: set[str]) -> Iterator[tuple[float, Message]]:

@@ -6,14 +6,14 @@ from pathlib import Path
 from circnav_mav.extras.locate.logs.columns import TABLE
 from circnav_mav.extras.locate.logs.dataflash import DATAFLASH
 from circnav_mav.extras.locate.logs.gpx import GPX
-from circnav_mav.extras.locate.logs.interface import Format, ReadOptions
+from circnav_mav.extras.locate.logs.interface import Format, ReadOptions, listed
 from circnav_mav.extras.locate.logs.nmea import NMEA
 from circnav_mav.extras.locate.logs.rtklib import RTKLIB
 from circnav_mav.extras.locate.logs.screening import screen
 from circnav_mav.extras.locate.logs.tlog import TLOG
 from circnav_mav.extras.locate.logs.ulog import ULOG
 from circnav_mav.extras.locate.range_log import EmptyLogError, Position, Range, RangeLog
-from circnav_mav.foreign import open_file
+from circnav_mav.foreign import open_file, printable
 from circnav_mav.runlog.run_folder import RunError
 
 FORMATS = (ULOG, DATAFLASH, GPX, RTKLIB, NMEA, TLOG)
@@ -102,14 +102,14 @@ def recognize(file: Path, head: bytes) -> Format:
 def _demand(logs: Sequence[RangeLog], known: Format, options: ReadOptions) -> None:
     """Raise EmptyLogError if required positions or ranges are missing."""
     if options.ranges and not any(log.ranges for log in logs):
-        raise EmptyLogError(f"no ranges in it; in {known.name} they are {known.ranges}")
+        missing = f"no ranges in it; in {known.name} they are {known.ranges}"
+        if names := sorted(name for log in logs for name in log.names):
+            missing += f", and none has the name {options.range_name!r}. Names that may be ranges: {listed(names)}. "
+            missing += f"Give one: --range-name {printable(names[0])}"
+        raise EmptyLogError(missing)
     if options.positions and not any(len(log.positions) > 1 for log in logs):
-        raise EmptyLogError(f"no positions in it; in {known.name} they are {known.positions}{_left_out(logs)}")
-
-
-def _left_out(logs: Sequence[RangeLog]) -> str:
-    """Return the notes of the logs, each after a semicolon."""
-    return "".join(f"; {note}" for log in logs for note in log.notes)
+        notes = "".join(f"; {note}" for log in logs for note in log.notes)
+        raise EmptyLogError(f"no positions in it; in {known.name} they are {known.positions}{notes}")
 
 
 def with_positions(logs: Sequence[RangeLog], carriers: Sequence[RangeLog], source: Path) -> list[RangeLog]:

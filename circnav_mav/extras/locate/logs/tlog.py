@@ -6,9 +6,8 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.extras.locate.logs.interface import FAR, FIX_3D, Format, ReadOptions, listed, with_fix
+from circnav_mav.extras.locate.logs.interface import FAR, FIX_3D, Format, ReadOptions, with_fix
 from circnav_mav.extras.locate.range_log import EmptyLogError, Position, Range, RangeLog
-from circnav_mav.foreign import printable
 from circnav_mav.mav.codec import Ids, Message, ids
 from circnav_mav.mav.ranging.interface import Reading, boot_stamp
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
@@ -111,8 +110,7 @@ def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[Range
         if not any(log.ranges for log in used):
             raise EmptyLogError(line)
         used[0].note(line)
-    elif options.ranges and not any(log.ranges for log in used):
-        _name_values(senders, options)
+    used[0].names = set[str]().union(*(sender.names for sender in senders.values() if OURS not in sender.names))
     return used
 
 
@@ -125,16 +123,6 @@ def _track(senders: dict[Ids, _Sender], system: int) -> list[Position]:
     # Companions repeat the autopilot's position. Prefer component 1 (the autopilot), then the lowest id.
     ordered = sorted(parts, key=lambda component: (component != dialect.MAV_COMP_ID_AUTOPILOT1, component))
     return next((track for component in ordered if (track := with_fix(parts[component].positions))), [])
-
-
-def _name_values(senders: dict[Ids, _Sender], options: ReadOptions) -> None:
-    """Raise EmptyLogError with the names of the NAMED_VALUE messages in the log, if there are any."""
-    names = sorted(set[str]().union(*(sender.names for sender in senders.values() if OURS not in sender.names)))
-    if names:
-        raise EmptyLogError(
-            f"no ranges in it under the name {options.range_name!r}; names of NAMED_VALUE messages in it: "
-            f"{listed(names)}. Give one: --range-name {printable(names[0])}"
-        )
 
 
 def _reading(message: Message) -> Reading | None:

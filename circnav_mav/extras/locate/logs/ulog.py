@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from circnav_mav.extras.locate.logs.interface import FAR, FIX_3D, Format, ReadOptions, listed, with_fix
+from circnav_mav.extras.locate.logs.interface import FAR, FIX_3D, Format, ReadOptions, with_fix
 from circnav_mav.extras.locate.place import Array
-from circnav_mav.extras.locate.range_log import EmptyLogError, Position, RangeLog
+from circnav_mav.extras.locate.range_log import Position, RangeLog
 from circnav_mav.mav.ranging.distance_sensor import DOWNWARD
 from circnav_mav.runlog.run_folder import RunError
 
@@ -36,13 +36,7 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
     fused = next((topic.data for topic in data if topic.name == "vehicle_global_position"), None)
     log.positions = _positions(fused, gps)
     log.epoch = _epoch(gps)
-    if options.ranges and not log.ranges:
-        names = sorted({name for topic in data if topic.name == "debug_key_value" for name in _keys(topic.data)})
-        if names:
-            raise EmptyLogError(
-                f"no ranges in it: {ULOG.ranges}, and none under the name {options.range_name!r}; keys of "
-                f"debug_key_value in it: {listed(names)}. Give one: --range-name {names[0]}"
-            )
+    log.names = {name for topic in data if topic.name == "debug_key_value" for name in _keys(topic.data)}
     return [log]
 
 
