@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from math import ceil, degrees, isfinite, pi
+from math import ceil, degrees, floor, inf, isfinite, pi
 
 from circnav_mav.extension import extensions, load
 from circnav_mav.guidance.circle_change import LAPS
@@ -10,6 +10,7 @@ from circnav_mav.guidance.laws import LAWS, settling_time, tolerated_drift
 from circnav_mav.guidance.margin import DESIGN_DRIFT, drift_with_margin, radius_with_margin
 from circnav_mav.guidance.turn_answer import MEASUREMENT_DELAY
 from circnav_mav.guidance.watches import MOST_TRIM
+from circnav_mav.mav.autopilots.interface import FOLLOWED
 from circnav_mav.mav.autopilots.table import REFUSED, allowed
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check, graded
 from circnav_mav.mav.ranging.driver import split_driver
@@ -31,7 +32,10 @@ DRIFT_LAWS = frozenset({"auto", "drift"})
 
 def check_mission(mission: Mission) -> list[Check]:
     """Return all check lines of a mission."""
-    parts = (_keys, _vehicle, _estimator, _gain, _trim, _radius, _turn_rate, check_ranging, _drift, _margin, _signing)
+    parts = (
+        *(_keys, _vehicle, _estimator, _gain, _trim, _radius, _turn_rate, _acceleration),
+        *(check_ranging, _drift, _margin, _signing),
+    )
     return [*(line for part in parts for line in _of_circles(mission, part)), *_laps(mission), *_of_extensions(mission)]
 
 
@@ -142,6 +146,26 @@ def _turn_rate(mission: Mission) -> Iterator[Check]:
     if mission.law.name == "switching" and mission.law.gain > orbit.max_turn_rate:
         words = f"the law switches between ±{degrees(mission.law.gain):.2f} deg/s, more than the vehicle's limit"
         yield Check(WARN, "turn rate", f"{words}: the vehicle turns at its limit instead")
+
+
+def fastest_turn(mission: Mission) -> float:
+    """Return the turn rate that the acceleration limits of the vehicles allow by default, rad/s, at the mission's
+    speed."""
+    limits = [one.acceleration_limit[1] for one in mission.vehicles if one.acceleration_limit]
+    return min(limits, default=inf) * FOLLOWED / mission.orbit.speed
+
+
+def _acceleration(mission: Mission) -> Iterator[Check]:
+    """Warn of a turn-rate limit beyond the acceleration limit. The path then does not follow the nose, and the
+    estimator takes the difference for drift: emulated flights swung about the circle without end."""
+    orbit, most = mission.orbit, fastest_turn(mission)
+    if orbit.max_turn_rate <= most:
+        return
+    names = " or ".join(one.acceleration_limit[0] for one in mission.vehicles if one.acceleration_limit)
+    asked = orbit.max_turn_rate * orbit.speed
+    words = f"turns at vehicle.max_turn_rate_deg_s need {asked:.1f} m/s^2, more than the default of {names} allows"
+    lower = f"lower vehicle.max_turn_rate_deg_s to {floor(degrees(most))}"
+    yield Check(WARN, "acceleration", f"{words}: the path may swing; {lower}, or raise {names} (circnav params)")
 
 
 def expected_turn_gain(mission: Mission) -> float:

@@ -5,8 +5,10 @@ from math import degrees
 
 import pytest
 
+from circnav_mav.cli.bundled import bundled
 from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.checks import check_mission
+from circnav_mav.mission.load import load_mission
 
 PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
 PLANE = ("vehicle.kind=plane", "vehicle.max_bank_deg=45")
@@ -25,6 +27,7 @@ def only(mission, subject, *overrides):
 
 def test_a_sound_mission_passes_every_line_but_the_unknown_height(mission):
     grades = {line.subject: line.grade for line in check_mission(mission())}
+    assert grades.pop("acceleration") is WARN  # the mission's copter flies at 15 m/s
     assert set(grades) == {*SUBJECTS, "turn rate", "rate error"}
     assert {subject for subject, grade in grades.items() if grade is not PASS} == {"height"}
     assert grades["height"] is WARN
@@ -254,3 +257,12 @@ def test_a_circle_on_which_the_loop_has_too_little_margin_warns_and_names_one_th
 
 def test_the_margin_is_of_the_laws_that_are_tuned_by_the_delay(mission):
     assert not lines(mission, "margin", "guidance.law=smooth")
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "speed", "warns"), [("arducopter", 5.2, False), ("arducopter", 5.3, True), ("px4_copter", 7, False)]
+)
+def test_turns_beyond_the_default_acceleration_of_the_autopilot_warn(vehicle, speed, warns):
+    checks = check_mission(load_mission(bundled("mission", vehicle), [f"vehicle.speed_mps={speed}"]))
+    # 30 deg/s at 5.25 m/s are 1.1 times 2.5 m/s^2
+    assert [line.grade for line in checks if line.subject == "acceleration"] == [WARN] * warns

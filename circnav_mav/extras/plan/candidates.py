@@ -20,12 +20,14 @@ from circnav_mav.mission.checks import (
 )
 from circnav_mav.mission.mission import Mission
 
-CIRCLES = 6
+CIRCLES = 7
 """Number of candidates; chosen."""
-WIDEST = 4.0
+WIDEST = 6.0
 """Largest radius of the candidates, in units of the smallest, if the site does not limit the radius."""
 GUSTS = 2.0
 """Gusts, in standard deviations, that are added to the wind."""
+MOST_USED = 0.9
+"""Share of the turn rate that the smallest circle uses in wind and gusts. The rest corrects errors; chosen."""
 JUDGED = frozenset({"gain", "turn rate", "drift", "margin", "reach", "height", "rate error", "sampling", "damping"})
 """Check lines that depend on the circle or the radio."""
 
@@ -71,11 +73,11 @@ class Candidate:
 
 
 def smallest_radius(mission: Mission, wind: float) -> float:
-    """Return the smallest radius by turn rate and wind, m: V/r within TURN_USED of the turn rate, and the circle is
-    flyable in this wind."""
+    """Return the smallest radius by turn rate and wind, m: V/r within TURN_USED of the turn rate, and the circle needs
+    MOST_USED of it in this wind."""
     orbit = mission.orbit
     able = orbit.max_turn_rate * expected_turn_gain(mission)
-    return max(orbit.speed / (TURN_USED * able), (orbit.speed + wind) ** 2 / (orbit.speed * able))
+    return max(orbit.speed / (TURN_USED * able), (orbit.speed + wind) ** 2 / (MOST_USED * orbit.speed * able))
 
 
 def radii(least: float, site: Site) -> Sequence[float]:

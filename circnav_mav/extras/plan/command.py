@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator
-from math import inf
+from math import degrees, floor, inf
 from pathlib import Path
 
 from circnav_mav.cli.bundled import bundled
@@ -19,6 +19,7 @@ from circnav_mav.extras.plan.candidates import (
     recommended,
     smallest_radius,
 )
+from circnav_mav.mission.checks import fastest_turn
 from circnav_mav.mission.load import load_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.runlog.atomic_write import write_text
@@ -39,11 +40,11 @@ def print_plan(
     site = Site(smallest or 1.0, largest or inf, wind, GUST_SHARE * wind if gusts is None else gusts, laps)
     found: list[Candidate] = []
     for speed in speeds or (read_mission(path, tuple(changes)).orbit.speed,):
-        at_speed = [*changes, f"vehicle.speed_mps={speed!r}"]
-        start = read_mission(path, tuple(at_speed))
-        found += [candidate(_with_radius(path, at_speed, radius), site) for radius in _radii(start, site)]
+        changed = [*changes, *at_speed(path, speed)]
+        start = read_mission(path, tuple(changed))
+        found += [candidate(_with_radius(path, changed, radius), site) for radius in _radii(start, site)]
     best, reason = recommended(found)
-    changes.append(f"vehicle.speed_mps={best.speed!r}")
+    changes += at_speed(path, best.speed)
     start = _with_radius(path, changes, best.radius)
     if (words := next(fails(start), None)) is not None:
         raise Refused(f"plan {path}: no circle can be flown: {words}")
@@ -67,6 +68,15 @@ def _changes(height: float | None, sigma: float | None, rate: float | None) -> I
     """Yield the options as overrides of the mission."""
     keys = {"orbit.height_above_target_m": height, "ranging.sigma_m": sigma, "ranging.rate_hz": rate}
     yield from (f"{key}={float(value)!r}" for key, value in keys.items() if value is not None)
+
+
+def at_speed(path: str, speed: float) -> Iterator[str]:
+    """Yield a speed as overrides of the mission, with a turn rate that the vehicle's acceleration limit allows."""
+    flown = f"vehicle.speed_mps={speed!r}"
+    yield flown
+    mission = read_mission(path, (flown,))
+    if (most := fastest_turn(mission)) < mission.orbit.max_turn_rate:
+        yield f"vehicle.max_turn_rate_deg_s={floor(degrees(most))!r}"
 
 
 def _with_radius(path: str, changes: list[str], radius: float) -> Mission:

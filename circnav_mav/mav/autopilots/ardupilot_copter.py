@@ -6,7 +6,7 @@ from types import MappingProxyType
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.ardupilot import ARDUPILOT, FENCE, GCS_SYSTEM, ekf_action, gcs_failsafe
-from circnav_mav.mav.autopilots.interface import COPTER_TYPES, Autopilot, SetpointContext, body_velocity
+from circnav_mav.mav.autopilots.interface import COPTER_TYPES, FOLLOWED, Autopilot, SetpointContext, body_velocity
 from circnav_mav.mav.autopilots.parameters import (
     PASS,
     WARN,
@@ -23,9 +23,6 @@ from circnav_mav.mav.autopilots.parameters import (
 )
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.setpoint_guard import Steer
-
-FOLLOWED = 1.1
-"""Largest ratio of requested acceleration to WPNAV_ACCEL that passes. In flight, 1.05 was followed."""
 
 
 def _guided_options(value: float, context: Context) -> Verdict:
@@ -52,7 +49,8 @@ def _acceleration(value: float, context: Context) -> Verdict:
 
 def _enough_acceleration(context: Context) -> float:
     """Return the firmware's default of 2.5 m/s^2, or the acceleration of turns at the mission's limit if larger."""
-    return float(max(2.5, ceil(10 * radians(context.max_turn_rate_deg) * context.speed / FOLLOWED) / 10))
+    asked = radians(context.max_turn_rate_deg) * context.speed
+    return float(max(ArduCopter.acceleration_limit[1], ceil(10 * asked / FOLLOWED) / 10))
 
 
 class ArduCopter(Autopilot):
@@ -81,6 +79,7 @@ class ArduCopter(Autopilot):
     shapes = frozenset({("SET_POSITION_TARGET_LOCAL_NED", MASK)})
     echo = dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
     ground_speed_sigma = 0.02
+    acceleration_limit = "WPNAV_ACCEL", 2.5
     parameters = (
         rule("GUID_TIMEOUT", timeout("brakes and hovers in GUIDED"), advised=always(3.0)),
         rule("GUID_OPTIONS", _guided_options),

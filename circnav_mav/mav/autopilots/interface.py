@@ -25,6 +25,9 @@ TRUSTED_AGAIN = (0.6, 1.5)
 crosses the bound."""
 FULL_STICK = 50.0
 """Bank at full stick, deg: the default of PX4's FW_R_LIM."""
+FOLLOWED = 1.1
+"""Largest followed ratio of the requested acceleration to the acceleration limit. In flight, ArduCopter followed 1.05.
+"""
 STANDING = 0.3
 """Speed, m/s, below which a reported velocity has no direction."""
 VELOCITY_IGNORED = dialect.POSITION_TARGET_TYPEMASK_VX_IGNORE | dialect.POSITION_TARGET_TYPEMASK_AX_IGNORE
@@ -123,6 +126,8 @@ class Autopilot(ABC):
     """Gains of the autopilot's velocity loop, for the lag of the velocity; None if the vehicle flies along its nose."""
     least_turn_gain: ClassVar[float] = 1.0
     """Least expected ratio of realized to commanded turn rate."""
+    acceleration_limit: ClassVar[tuple[str, float] | None] = None
+    """Parameter that limits the acceleration across the path, and its default, m/s^2; None without such a limit."""
     echo: ClassVar[int | None] = None
     """Id of the message that reports the setpoint in use, or None."""
 

@@ -62,3 +62,10 @@ def test_noise_and_gusts_increase_the_expected_radius_error():
     calm, noisy = load_mission(path), load_mission(path, ["ranging.sigma_m=2.0"])
     assert radius_rms(calm, 0.0) < radius_rms(noisy, 0.0) < radius_rms(noisy, 1.0)
     assert radius_rms(calm, 0.0) < radius_rms(calm, 0.5) < radius_rms(calm, 1.0)
+
+
+def test_a_faster_copter_gets_a_turn_rate_that_its_acceleration_allows(circnav, tmp_path):
+    file = tmp_path / "my.toml"
+    assert circnav("plan", "copter", "--speed", "7", "--write", str(file)).code == 0
+    # 1.1 times 2.5 m/s^2 at 7 m/s: 22.5 deg/s
+    assert load_mission(file).file.vehicle.max_turn_rate_deg_s == 22

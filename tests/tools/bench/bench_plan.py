@@ -16,7 +16,7 @@ import os
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from math import hypot
+from math import hypot, inf
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ import numpy as np
 
 from circnav_mav.extras.locate.forecast import survey_sigma
 from circnav_mav.extras.locate.place import Place
+from circnav_mav.extras.plan.command import at_speed
 from circnav_mav.extras.plan.radius_error import radius_rms
 from circnav_mav.mav.check_result import PASS
 from circnav_mav.mission.checks import check_mission, drift_allowed
@@ -62,8 +63,8 @@ class Drawn:
         """Return the mission as changes of the bundled one."""
         cruise = (f"sim.vehicle.cruise_speed_mps={self.speed}",) if self.vehicle == "arduplane" else ()
         return (
-            *cruise,
-            f"vehicle.speed_mps={self.speed}", f"orbit.radius_m={self.radius}", f"ranging.sigma_m={self.sigma}",
+            *cruise, *at_speed(str(CONFIG / f"{self.vehicle}.toml"), self.speed),
+            f"orbit.radius_m={self.radius}", f"ranging.sigma_m={self.sigma}",
             f"ranging.rate_hz={self.rate}", f"sim.ranging.rate_hz={self.rate}", f"sim.ranging.noise_m={self.sigma}",
             f"sim.wind.speed_mps={self.wind}", f"sim.wind.gust_rms_mps={self.gust}", f"sim.seed={self.number + 1}",
             f"sim.start.random.range_m=[{1.1 * self.radius}, {1.6 * self.radius}]", "sim.sensors.gps_error_m=1.5",
@@ -197,7 +198,7 @@ def main() -> None:
     parser.add_argument("--compare", type=Path, metavar="FILE")
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--missions", type=int, default=200)
-    parser.add_argument("--seconds", type=float, default=240.0)
+    parser.add_argument("--seconds", type=float, default=inf)
     options = parser.parse_args()
     if options.fly:
         fly_all(options.fly, iter(range(options.first, options.first + options.missions)), options.seconds)
