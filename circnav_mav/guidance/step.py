@@ -9,7 +9,7 @@ the approach adds a sinusoidal excitation. A vehicle that flies away from the ta
 change is bumpless: the step in the command decays to 0.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum
 from math import inf, isfinite, pi
 from typing import Any, NamedTuple
@@ -71,11 +71,6 @@ class LawChoice:
     gain: float
     correct_radius: bool = True
     lag: float = 0.4
-
-    def eased(self, share: float, orbit: Orbit) -> "LawChoice":
-        """Return the law with this share of its gain, but at least LEAST times the bound of convergence."""
-        least = laws.LEAST * LAWS[self.name].gain_bound(orbit.speed, orbit.radius)
-        return replace(self, gain=min(self.gain, max(share * self.gain, least)))
 
 
 @dataclass(frozen=True, slots=True)

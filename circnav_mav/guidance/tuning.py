@@ -14,19 +14,6 @@ from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.types import Orbit
 
 
-def loop_lag(turn_lag: float, settings: EstimatorSettings, *, r_d: float, sigma: float, period: float) -> float:
-    """Return the delay, s, from a change of the range rate to the vehicle's turn: turn lag plus filter lag.
-
-    turn_lag: s. r_d: m. sigma, period: noise (m) and period (s) of the ranges.
-    """
-    return turn_lag + steady_state(settings, r=r_d, sigma=sigma, period=period).lag
-
-
-def default_gain(law: str, V: float, r_d: float, lag: float) -> float:
-    """Return the magnitude of a law's gain k by its rule in `laws`. V: m/s. r_d: m. lag: delay of the loop, s."""
-    return float(LAWS[law].default_gain(V, r_d, lag))
-
-
 @dataclass(frozen=True, slots=True)
 class LawTuning:
     """A law and the inputs of its gain rule, for any circle.
@@ -57,8 +44,8 @@ class LawTuning:
         return self.turn_lag + self.steady_estimate(radius).lag
 
     def default_gain(self, orbit: Orbit) -> float:
-        """Return the gain by the law's rule."""
-        return default_gain(self.law, orbit.speed, orbit.radius, self.loop_lag(orbit.radius))
+        """Return the magnitude of the gain k by the law's rule in `laws`."""
+        return float(LAWS[self.law].default_gain(orbit.speed, orbit.radius, self.loop_lag(orbit.radius)))
 
     def choice(self, orbit: Orbit) -> LawChoice:
         """Return the law with its gain for a circle."""

@@ -78,7 +78,7 @@ class LearnedResponse:
             self.monitor.reset()
         self._commanded, self._commanded_at, most = rate, now, self.bank_limit.bank
         reached = min(max(rate, -most), most)
-        self._learner.command(now, reached)
+        self._learner.candidates.command(now, reached)
         self._pending.command(now, reached * self.gain)
 
     def watch(self, nose: OwnMotion) -> None:

@@ -92,8 +92,7 @@ class TurnMonitor:
     """Detects a vehicle that does not follow, and lowers the gains in a limit cycle.
 
     follows: False while the vehicle does not follow turn commands. since: time of that verdict, s; inf if the vehicle
-    follows. share: factor on the gains. cycles: number of reductions. swing: oscillation of the newest bins. swings:
-    True while the turn is in a limit cycle.
+    follows. share: factor on the gains. cycles: number of reductions. swing: oscillation of the newest bins.
     """
 
     def __init__(self, limit: float) -> None:
@@ -104,7 +103,7 @@ class TurnMonitor:
         self._in_a_row = self._regular = 0
         self.follows, self.since = True, inf
         self.share, self.cycles = 1.0, 0
-        self.swing, self.swings = Swing(), False
+        self.swing = Swing()
 
     def take(self, new: TurnBin, begun: float) -> None:
         """Add a bin. begun: time of the first command to this vehicle, s."""
@@ -126,7 +125,6 @@ class TurnMonitor:
         self._bins.clear()
         self._turns.clear()
         self._in_a_row = self._regular = 0
-        self.swings = False
 
     def _judge_following(self, now: float) -> None:
         judged = [_evidence(self._bins, width) for width in WINDOWS if len(self._bins) >= width]
@@ -145,8 +143,7 @@ class TurnMonitor:
         self.swing = max(flown, commanded, key=lambda swing: (swing.regular, swing.size))
         regular = self.swing.regular and self.swing.size >= LEAST_SWING * self._limit
         self._regular = self._regular + 1 if regular else 0
-        self.swings = self._regular >= LASTS
-        if self.swings:
+        if self._regular >= LASTS:
             self.share, self.cycles = max(self.share * LOWERED, LEAST), self.cycles + 1
             # Turns flown with the previous gains do not show the effect of the new ones.
             self._turns.clear()

@@ -57,13 +57,12 @@ KEPT = 4.0
 
 class Response(NamedTuple):
     """Delays of the response. dead: dead time without the link, s. lag: mean delay of the response, s. settles:
-    settling rate, 1/s. link: round trip, s. learnt: True if learned in flight, False if taken from the mission."""
+    settling rate, 1/s. link: round trip, s."""
 
     dead: float
     lag: float
     settles: float
     link: float = 0.0
-    learnt: bool = False
 
     @property
     def delay(self) -> float:
@@ -71,8 +70,14 @@ class Response(NamedTuple):
         return self.dead + self.lag + self.link
 
 
-Knowledge = tuple[tuple[Array, ...], tuple[Array, float, float, float] | None, Response]
-"""Sums, fit and response of a `ResponseLearner`."""
+class Knowledge(NamedTuple):
+    """Learned state. response: delays, as used now. sums: weighted sums over the bins of 1, x, y, x^2, x y and y^2.
+    x: turn rates that the candidates predict, rad/s, an array. y: flown turn rate, rad/s. fit: best candidate, its
+    slope, offset (rad/s) and noise (rad/s), or None."""
+
+    response: Response
+    sums: tuple[Array, ...] = (0.0,) * 6
+    fit: tuple[Array, float, float, float] | None = None
 
 
 class CandidateTurns:
@@ -172,37 +177,18 @@ class ResponseLearner:
         """expected: initial dead time plus lag, s."""
         prior = (LOG_DELAYS - log(max(expected, 0.05))) / PRIOR_SIGMA
         self._prior = -0.5 * (prior**2 + ((LAGS / DELAYS - 0.5) / SPLIT_SIGMA) ** 2)
-        self._sums: tuple[Array, ...] = (0.0,) * 6
-        """Weighted sums over the bins of 1, x, y, x^2, x y and y^2. x: turn rates that the candidates predict, rad/s,
-        an array. y: flown turn rate, rad/s."""
         self.candidates = CandidateTurns()
         self._bins = TurnBins(self.candidates)
-        self._fit: tuple[Array, float, float, float] | None = None
-        self._known = Response(0.5 * expected, 0.5 * expected, 2 / max(expected, 0.05))
+        self.knowledge = Knowledge(Response(0.5 * expected, 0.5 * expected, 2 / max(expected, 0.05)))
 
     def response(self, link: float) -> Response:
         """Return the response as learned so far. link: round trip, s."""
-        if link != self._known.link:
-            self._known = self._known._replace(link=link)
-        return self._known
-
-    def command(self, time: float, rate: float) -> None:
-        """Record a commanded turn rate (rad/s) and the time (s) of its start."""
-        self.candidates.command(time, rate)
+        return self.knowledge.response._replace(link=link)
 
     def reset(self) -> None:
         """Forget the commands. Call when the vehicle is no longer controlled from here."""
         self.candidates.reset()
         self._bins.reset()
-
-    @property
-    def knowledge(self) -> "Knowledge":
-        """The learned state, for saving and restoring."""
-        return self._sums, self._fit, self._known
-
-    @knowledge.setter
-    def knowledge(self, before: "Knowledge") -> None:
-        self._sums, self._fit, self._known = before
 
     def skip(self) -> None:
         """Discard the current bin. Call while the vehicle does not follow: its turns are no responses."""
@@ -213,22 +199,19 @@ class ResponseLearner:
         if (new := self._bins.take(time, turned, link)) is not None:
             self._learn(new.predicted, new.turned, new.width)
 
-    def _weight(self, model: Array, rate: float) -> float:
-        """Weight of a bin: below 1 if its turn rate is far from the best candidate's prediction."""
-        # A step that saturates the roll rate has a longer delay than any other. With full weight, one such step would
-        # count for more than a minute on the circle.
-        if self._fit is None:
-            return 1.0
-        best, slope, offset, noise = self._fit
-        residual = float(abs(rate - slope * model[best] - offset))
-        return min(1.0, (FAR_OFF * noise / max(residual, 1e-9)) ** 2)
-
     def _learn(self, model: Array, rate: float, width: float) -> None:
         """Update the fit with the mean turn rate of a bin and its prediction by each candidate."""
-        keep, share = exp(-width / MEMORY), self._weight(model, rate)
+        keep, share, (response, sums, fit) = exp(-width / MEMORY), 1.0, self.knowledge
+        # A step that saturates the roll rate has a longer delay than any other. With full weight, one such step would
+        # count for more than a minute on the circle.
+        if fit is not None:
+            best, slope, offset, noise = fit
+            residual = float(abs(rate - slope * model[best] - offset))
+            share = min(1.0, (FAR_OFF * noise / max(residual, 1e-9)) ** 2)
         now = 1.0, model, rate, model * model, model * rate, rate * rate
-        self._sums = tuple(old * keep + share * new for old, new in zip(self._sums, now, strict=True))
-        n, m, s, mm, my, yy = self._sums
+        sums = tuple(old * keep + share * new for old, new in zip(sums, now, strict=True))
+        self.knowledge = Knowledge(response, sums, fit)
+        n, m, s, mm, my, yy = sums
         if n < 10:
             return
         var, cov, all_ = mm - m * m / n, my - m * s / n, yy - s * s / n
@@ -237,7 +220,8 @@ class ResponseLearner:
         likely = self._prior - 0.5 * left / noise
         best = np.unravel_index(likely.argmax(), likely.shape)
         slope = cov[best] / max(var[best], 1e-9)
-        self._fit = best, slope, (s - slope * m[best]) / n, sqrt(noise)
+        fit = best, slope, (s - slope * m[best]) / n, sqrt(noise)
+        self.knowledge = Knowledge(response, sums, fit)
         # Reject turns that the commands do not explain: the vehicle may not receive them, or may only circle.
         if cov[best] ** 2 <= EXPLAINED * var[best] * all_ or not LEAST_SLOPE < slope < MOST_SLOPE:
             return
@@ -252,4 +236,4 @@ class ResponseLearner:
         dead, lag = float(of_dead @ DEADS), float(of_answer @ LAGS)
         scale = float(np.exp(middle)) / (dead + lag)
         settles = float(1 / (of_answer @ (1 / RINGING)))
-        self._known = Response(scale * dead, scale * lag, settles, learnt=True)
+        self.knowledge = Knowledge(Response(scale * dead, scale * lag, settles), sums, fit)

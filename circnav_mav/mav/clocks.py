@@ -332,10 +332,6 @@ class Timesync:
             return 0.0
         return float("inf")
 
-    def answered(self, now: float) -> bool:
-        """True if the vehicle has answered lately and thus receives us, or has never answered."""
-        return not self._answers or now - self._answers[-1][0] <= UNANSWERED
-
     def settled(self, now: float) -> bool:
         """True if the round trip is measured, or PATIENCE has passed without an answer."""
         return bool(self.trips) or (self._began is not None and now - self._began > PATIENCE)

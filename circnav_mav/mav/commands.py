@@ -309,7 +309,8 @@ class StreamRequests:
         """Return requests for these streams at their rates."""
         for ident in idents:
             self._streams[ident].asked = True
-        return [_interval(ident, self._streams[ident].wanted) for ident in idents]
+        intervals = ((ident, round(1e6 / self._streams[ident].wanted)) for ident in idents)  # microseconds
+        return [Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, interval) for interval in intervals]
 
     def give_back(self) -> list[Command]:
         """Return the requests that restore the vehicle's own rates of the requested streams."""
@@ -320,8 +321,3 @@ class StreamRequests:
 def _flows(stream: _Stream) -> bool:
     """True if a stream arrives with at least LOW times the requested rate."""
     return stream.rate is not None and stream.rate >= LOW * stream.wanted
-
-
-def _interval(message_id: int, rate: float) -> Command:
-    """Return a MAV_CMD_SET_MESSAGE_INTERVAL: p1 message id, p2 interval in microseconds."""
-    return Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (message_id, round(1e6 / rate)))

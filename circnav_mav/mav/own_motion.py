@@ -227,8 +227,7 @@ class OwnMotionSensor:
         air = self._air if now - self._air_at <= AIR_MAX_AGE else Motion()
         if self._attitude(now) is None:
             return air
-        roll, pitch, yaw, yaw_rate, *_ = self._turned
-        return Motion(roll, pitch, yaw, yaw_rate, air.airspeed, air.altitude, air.climb)
+        return self._turned._replace(airspeed=air.airspeed, altitude=air.altitude, climb=air.climb)
 
     def _attitude(self, now: float) -> Attitude | None:
         return self._body if now - self._attitude_at <= ATTITUDE_MAX_AGE else None

@@ -52,10 +52,10 @@ class ParameterReader:
         """bytewise: encoding of integers, see `parameter_value`."""
         self._bytewise = bytewise
         self._waiting = list(dict.fromkeys(names))
+        self._names = frozenset(self._waiting)
         self._asked: dict[str, tuple[int, float]] = {}
         """Number of tries and time of the next one, s, by pending name."""
         self.values: dict[str, float] = {}
-        self.unanswered: set[str] = set()
 
     @property
     def done(self) -> bool:
@@ -63,21 +63,19 @@ class ParameterReader:
         return not self._waiting and not self._asked
 
     def receive(self, message: Message) -> None:
-        """Process a PARAM_VALUE of our vehicle. Answers to other programs are used if the name is on our list."""
+        """Process a PARAM_VALUE of our vehicle. Answers to other programs are used if the name is on our list. The
+        first answer counts, also after the last try."""
         name = plain_text(message.param_id)
-        if name in self._asked or name in self._waiting or name in self.unanswered:
+        if name in self._names and name not in self.values:
             self.values[name] = parameter_value(message, bytewise=self._bytewise)
             self._asked.pop(name, None)
-            self.unanswered.discard(name)
             self._waiting = [other for other in self._waiting if other != name]
 
     def poll(self, target: Ids, now: float) -> list[Message]:
         """Return the requests due now: repeats first, then new ones up to the limit."""
         due = [name for name, (_, when) in self._asked.items() if now >= when]
-        given_up = [name for name in due if self._asked[name][0] >= TRIES]
-        for name in given_up:
+        for name in [name for name in due if self._asked[name][0] >= TRIES]:
             del self._asked[name]
-        self.unanswered.update(given_up)
         room = AT_ONCE - len(self._asked)
         new, self._waiting = self._waiting[:room], self._waiting[room:]
         names = [name for name in due if name in self._asked] + new

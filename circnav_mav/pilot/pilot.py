@@ -15,6 +15,7 @@ from pymavlink.dialects.v20.all import MAV_SEVERITY_NOTICE, MAV_SEVERITY_WARNING
 from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, TurnCommand
 from circnav_mav.guidance.watches import DriftAlarm, breach, watch_drift
+from circnav_mav.mav.clocks import UNANSWERED
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import YawRate
 from circnav_mav.mav.identity import Allowance
@@ -257,7 +258,7 @@ class Pilot:
         # A vehicle that does not receive setpoints cannot follow them. This is an outage of the link, which the flight
         # survives: do not judge the turns without answers to TIMESYNC, and start again after the outage. A plane that
         # flies straight back to the circle then needs time to show that it follows again.
-        if not session.timesync.answered(now):
+        if session.timesync.silent(now, UNANSWERED):
             self._unanswered_at = now
         if now - self._unanswered_at < RECEIVES_AFTER:
             turns.reset()

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from circnav_mav.guidance import laws
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.laws import LAWS, Kind, smooth, switching
-from circnav_mav.guidance.tuning import default_gain, loop_lag
+from circnav_mav.guidance.tuning import LawTuning
 from circnav_mav.guidance.watches import MOST_TRIM
 
 V, R_D = 15.0, 100.0
@@ -28,7 +28,7 @@ def each(laws):
 
 
 def gain(law):
-    return default_gain(law.name, V, R_D, 0.55)
+    return law.default_gain(V, R_D, 0.55)
 
 
 @each(STATELESS)
@@ -149,9 +149,9 @@ def test_pi_is_its_equation_and_its_integral_stays_within_its_bounds():
 @each(LAWS.values())
 @given(V=speeds, r_d=radii, lag=lags)
 def test_every_default_gain_meets_its_own_condition_and_is_none_higher_in_a_later_loop(law, V, r_d, lag):
-    gain = default_gain(law.name, V, r_d, lag)
+    gain = law.default_gain(V, r_d, lag)
     assert gain > law.gain_bound(V, r_d)
-    assert default_gain(law.name, V, r_d, 2 * lag) <= gain
+    assert law.default_gain(V, r_d, 2 * lag) <= gain
 
 
 @pytest.mark.parametrize(
@@ -164,11 +164,15 @@ def test_every_default_gain_meets_its_own_condition_and_is_none_higher_in_a_late
 )
 def test_default_gains_are_the_papers_and_in_a_late_loop_those_at_which_vehicles_do_not_swing(law, V, r_d, lag, gain):
     """k V lag = 0.5. Above it, autopilots were seen in a limit cycle."""
-    assert default_gain(law, V, r_d, lag) == pytest.approx(gain)
+    assert LAWS[law].default_gain(V, r_d, lag) == pytest.approx(gain)
 
 
 def test_the_loop_is_as_late_as_turn_and_filter_together():
     settings = EstimatorSettings(15.0, 0.35)
-    quick, slow = (loop_lag(0.4, settings, r_d=100.0, sigma=sigma, period=0.1) for sigma in (0.1, 2.0))
+    lags = (
+        LawTuning("auto", settings, turn, sigma, 0.1).loop_lag(100.0)
+        for turn, sigma in ((0.4, 0.1), (0.4, 2.0), (1.4, 2.0))
+    )
+    quick, slow, slowest = lags
     assert 0.4 < quick < slow
-    assert loop_lag(1.4, settings, r_d=100.0, sigma=2.0, period=0.1) == pytest.approx(slow + 1.0)
+    assert slowest == pytest.approx(slow + 1.0)

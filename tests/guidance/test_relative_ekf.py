@@ -8,7 +8,7 @@ from filterpy.kalman import ExtendedKalmanFilter
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.guidance.estimators.dead_reckoning import Belief, predict_belief
+from circnav_mav.guidance.estimators.dead_reckoning import predict_one
 from circnav_mav.guidance.estimators.relative_ekf import (
     ACCELERATION_BIAS_PSD,
     ACCELERATION_PSD,
@@ -146,8 +146,7 @@ def test_one_flight_is_predicted_as_the_bank_predicts_it(seed, dt, heading, airs
     after = predict(hypothesis(mean, P), noise(psd, gust, 0.7, 0.5), np.array([dt]), chord[:, None], np.array([0.5]))
     x, Q = after.x[:, 0, 0], after.P[:, :, 0, 0]
 
-    belief = Belief(tuple(mean.tolist()), P, psd, gust)
-    ours = predict_belief(belief, dt, (chord[0], chord[1]), heading=heading, airspeed=airspeed)
+    ours = predict_one(mean.tolist(), P, (psd, gust, 0.0), dt, (chord[0], chord[1]), heading, airspeed, None)
 
     n, air = np.array([np.cos(x[THETA]), np.sin(x[THETA])]), airspeed * np.array([np.cos(heading), np.sin(heading)])
     v = x[KAPPA] * air + x[2:4] + x[6:8]
@@ -166,9 +165,8 @@ def test_the_predicted_drift_has_the_felt_change_less_that_of_the_air_velocity_a
     """v = kappa V u(psi) + drift, so the drift changes by the change of v minus kappa times the change of V u(psi).
     Gusts are not assumed to follow the measured change. (f, l) = (0.1, -0.2) is the accelerometer's error, for 0.1 s
     due up."""
-    belief = Belief(tuple(STATE.tolist()), np.eye(STATES), PSD, GUST, acceleration_weight)
-    felt = VelocityChange((0.35, 0.1), (-0.1, 0.2), (0.0, 0.1), 0.0)
-    ours = predict_belief(belief, DT, (0.5, 1.4), heading=pi / 2, airspeed=15.0, felt=felt)
+    felt, assumed = VelocityChange((0.35, 0.1), (-0.1, 0.2), (0.0, 0.1), 0.0), (PSD, GUST, acceleration_weight)
+    ours = predict_one(STATE.tolist(), np.eye(STATES), assumed, DT, (0.5, 1.4), pi / 2, 15.0, felt)
     stays = 1.0 if acceleration_weight else np.exp(-DT / GUST_TIME)
     measured = acceleration_weight * np.array([0.35 + 1.02 * 0.1, 0.1 - 1.02 * 0.2])
     left = np.array([1.0, -2.0]) + stays * np.array([0.3, -0.2]) + [0.3, 0.1] - np.array([0.02, 0.01])

@@ -38,7 +38,7 @@ def test_commands_that_a_dead_uplink_swallowed_teach_nothing():
     oscillated for 45 s."""
     vehicle = Vehicle()
     before, gain = vehicle.fly(90.0).response, vehicle.answer.gain
-    assert before.learnt and before.delay == pytest.approx(DEAD + LAG, abs=0.05)
+    assert before.delay == pytest.approx(DEAD + LAG, abs=0.05)
     vehicle.fly(60.0, deaf=True)
     assert vehicle.answer.response.delay == pytest.approx(before.delay, abs=0.005)
     assert vehicle.answer.gain == pytest.approx(gain, abs=0.005)

@@ -3,6 +3,7 @@
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+from circnav_mav.mav.commands import Command
 from tests.rig import Voice, attitude, boot_time, heartbeat
 
 GCS, COMPANION = 6, 18
@@ -205,17 +206,15 @@ def test_the_vehicles_own_texts_are_kept_the_newest_eight_and_its_version_is_rea
 # --- own messages ---
 
 
-def test_without_a_vehicle_nothing_but_a_heartbeat_a_second_is_said(line):
+def test_without_a_vehicle_nothing_but_the_heartbeat_of_an_onboard_controller_is_said_each_second(line):
+    """System 255 or MAV_TYPE_GCS would feed the operator's GCS failsafe."""
     here = line()
     here.session.announcer.say("range", "range lost")
-    said = [(i / 20, message.get_type()) for i in range(101) for message in here.poll(i / 20)]
-    assert said == [(now, "HEARTBEAT") for now in (0.0, 1.0, 2.0, 3.0, 4.0, 5.0)]
-
-
-def test_our_heartbeat_is_that_of_an_onboard_controller_and_never_of_a_ground_station(here):
-    """System 255 or MAV_TYPE_GCS would feed the operator's GCS failsafe."""
-    (beat,) = here.poll(0.0, "HEARTBEAT")
-    assert (beat.type, beat.autopilot, beat.base_mode) == (COMPANION, INVALID, 0)
+    said = [(i / 20, message) for i in range(101) for message in here.poll(i / 20)]
+    assert [now for now, _ in said] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    assert {(beat.get_type(), beat.type, beat.autopilot, beat.base_mode) for _, beat in said} == {
+        ("HEARTBEAT", COMPANION, INVALID, 0)
+    }
 
 
 def test_a_new_vehicle_is_asked_for_its_streams_and_its_version_and_gets_its_streams_back_in_one_go(here):
@@ -227,6 +226,18 @@ def test_a_new_vehicle_is_asked_for_its_streams_and_its_version_and_gets_its_str
     farewell = here.session.farewell()
     assert {message.param1 for message in farewell} == streams
     assert all((message.command, message.param2) == (SET_INTERVAL, 0) for message in farewell)
+
+
+@pytest.mark.parametrize("dropped", [False, True])
+def test_the_result_of_a_mode_request_is_kept_until_it_is_read_or_the_request_dropped(here, dropped):
+    here.answer_all(0.0)
+    here.session.commands.send(Command(176, (1, 5)))
+    here.poll(2.0)
+    here.hear(mavlink.MAVLink_command_ack_message(176, 2), 2.0)
+    here.poll(2.1)
+    if dropped:
+        here.session.drop_mode_requests()
+    assert len(here.session.take_mode_results()) == (not dropped)
 
 
 def test_a_refused_stream_is_not_asked_for_again(here):

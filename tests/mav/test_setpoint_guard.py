@@ -124,18 +124,14 @@ def test_the_messages_of_every_vehicle_are_judged_and_the_stick_goes_no_farther_
     assert [passes(*STICK, tight, y=y) for y in (800, -800, 801, -801)] == [True, True, False, False]
 
 
-@pytest.mark.parametrize(("angle", "most"), [("roll", 0.7), ("roll", -0.7), ("pitch", 0.2617), ("pitch", -0.2617)])
+@pytest.mark.parametrize(
+    ("angle", "most", "limits"),
+    [("roll", 0.7, ALL), ("roll", -0.7, ALL), ("pitch", 0.2617, ALL), ("pitch", -0.2617, ALL), ("roll", 0.0, LIMITS)],
+)
 @pytest.mark.parametrize("key", ATTITUDE)
-def test_bank_and_pitch_of_a_setpoint_have_a_bound_each(key, angle, most):
+def test_bank_and_pitch_of_a_setpoint_have_a_bound_each_and_limits_without_a_bank_permit_none(key, angle, most, limits):
     q, beyond = (
-        quaternion_from_euler(**{"roll": 0.0, "pitch": 0.0, angle: by}, yaw=0.5) for by in (most, most * 1.001)
+        quaternion_from_euler(**{"roll": 0.0, "pitch": 0.0, angle: by}, yaw=0.5) for by in (most, most * 1.001 or 1e-3)
     )
-    assert passes(key, q=q)
-    assert not passes(key, q=beyond)
-
-
-@pytest.mark.parametrize("key", ATTITUDE)
-def test_limits_without_a_bank_permit_none(key):
-    level, banked = (quaternion_from_euler(roll=roll, pitch=0.0, yaw=0.5) for roll in (0.0, 0.01))
-    assert passes(key, LIMITS, q=level)
-    assert not passes(key, LIMITS, q=banked)
+    assert passes(key, limits, q=q)
+    assert not passes(key, limits, q=beyond)

@@ -59,7 +59,7 @@ class Guidance:
         self._state = StepState()
         self._pending, self._pending_turn = Pending(0.0, lag), PendingTurn()
         self._lag, self._learns = lag, learns + np.zeros(flights, bool)
-        self._response = Response(0.0, true_lag, 1 / max(true_lag, SHORTEST), learnt=True)
+        self._response = Response(0.0, true_lag, 1 / max(true_lag, SHORTEST))
         self._gain = TurnGain(*(value + np.zeros(flights) for value in TurnGain(gain=turn_gain)))
         self._good_at, self._now = np.full(flights, -np.inf), 0.0
         self._commanded: Array = np.zeros(flights)

@@ -1,10 +1,11 @@
 """Dead reckoning: the path through the air from asynchronous reports of heading, turn rate and airspeed.
 
-`predict_belief` predicts a single flight's estimate along this path beyond the newest range. It is
-`relative_ekf.predict` in plain floats.
+`predict_one` predicts a single flight's estimate along this path beyond the newest range. It is `relative_ekf.predict`
+of the mixture in plain floats.
 """
 
 from collections import deque
+from collections.abc import Sequence
 from math import cos, exp, sin
 from typing import NamedTuple
 
@@ -114,19 +115,6 @@ def _along(angle: float, length: float) -> tuple[float, float]:
     return length * cos(angle), length * sin(angle)
 
 
-class Belief(NamedTuple):
-    """Estimate of a flight: mean (12 values) and covariance (12, 12) of the state of `relative_ekf`.
-
-    drift_psd (m^2/s^3), gust (m/s), acceleration_weight (0 to 1): averages of the noise models' assumptions.
-    """
-
-    mean: tuple[float, ...]
-    covariance: Array
-    drift_psd: float
-    gust: float
-    acceleration_weight: float = 0.0
-
-
 class Prediction(NamedTuple):
     """Predicted p = vehicle - target = (x, y), m, at range r (m). drift: m/s. airspeed: true, m/s. r_dot: m/s.
     Variances of r (m^2), of the direction (rad^2) and of r_dot (m^2/s^2)."""
@@ -142,18 +130,20 @@ class Prediction(NamedTuple):
     r_dot_variance: float
 
 
-def predict_belief(
-    belief: Belief, dt: float, chord: tuple[float, float], *, heading: float, airspeed: float,
-    felt: ekf.VelocityChange | None = None,
+def predict_one(
+    mean: Sequence[float], covariance: Array, assumed: Sequence[float], dt: float, chord: tuple[float, float],
+    heading: float, airspeed: float, felt: ekf.VelocityChange | None,
 ) -> Prediction:  # fmt: skip
     """Return the estimate predicted by dt (s) along an air path `chord` (m, at the measured airspeed).
 
-    heading (rad) and measured airspeed (m/s): at the end of the path. felt: measured accelerations, from
-    `PathPoint.velocity_change_since`.
+    mean (12 values), covariance (12, 12): of the state of `relative_ekf`. assumed: drift_psd (m^2/s^3), gust (m/s) and
+    acceleration_weight (0 to 1), averages of the noise models. heading (rad) and measured airspeed (m/s): at the end of
+    the path. felt: measured accelerations, from `PathPoint.velocity_change_since`.
     """
-    _, _, *steady_d, kappa, _, gx, gy, forward, sideways, ex, ey = belief.mean
+    _, _, *steady_d, kappa, _, gx, gy, forward, sideways, ex, ey = mean
+    drift_psd, gust, weight = assumed
     calm = exp(-dt / ekf.GUST_TIME)
-    r, theta, row = ekf.motion(belief.mean, dt, chord)
+    r, theta, row = ekf.motion(mean, dt, chord)
     out, left = [0.0] * ekf.STATES, [0.0] * ekf.STATES
     for state, entry in row:
         out[state], left[state] = entry.real, entry.imag / r
@@ -163,10 +153,10 @@ def predict_belief(
     if felt is not None:
         # Use the measured change of velocity instead of the assumed decay, weighted by the probability of the noise
         # models that use accelerations.
-        (c, s), stays = felt.nose, calm + belief.acceleration_weight * (1 - calm)
+        (c, s), stays = felt.nose, calm + weight * (1 - calm)
         errors = c * forward - s * sideways, s * forward + c * sideways
         dx, dy = (
-            steady + stays * g + e - error + belief.acceleration_weight * (change - kappa * nose)
+            steady + stays * g + e - error + weight * (change - kappa * nose)
             for steady, g, e, error, change, nose in zip(
                 steady_d, (gx, gy), (ex, ey), errors, felt.change, felt.air, strict=True
             )
@@ -182,8 +172,8 @@ def predict_belief(
         if felt is not None:
             rate[ekf.EX + i] += along
     rows = np.array((out, left, rate)).T  # (12, 3)
-    of_r, of_direction, of_rate = (belief.covariance @ rows * rows).sum(axis=0).tolist()
-    steady, gusty = ekf.steps(belief.drift_psd, belief.gust, dt)
+    of_r, of_direction, of_rate = (covariance @ rows * rows).sum(axis=0).tolist()
+    steady, gusty = ekf.steps(drift_psd, gust, dt)
     wander = ekf.wandered(steady, gusty, dt)
     turned = wander / r**2
     return Prediction(

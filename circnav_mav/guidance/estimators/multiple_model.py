@@ -85,8 +85,6 @@ class MultipleModelFilter:
         self.spread = np.full(flights, np.inf)
         self.trusted = np.zeros(flights, bool)
         self._since = np.zeros(flights)
-        self._deferred: tuple[Batch, Batch, Batch, Batch, Batch] | None = None
-        """Newest range (dt, chord, z, sigma, valid), if not yet added to the search."""
         self._due: tuple[Batch, Batch] | None = None
         """True for flights whose search is due, (B,), and standard deviations of their ranges (B,), m."""
         self._search = Acquisition(settings, flights, known)
@@ -124,28 +122,8 @@ class MultipleModelFilter:
         sigma = np.minimum(np.maximum(sigma, LEAST_SIGMA), MOST_SIGMA)
         self._since += dt
         self._track(dt, chord, z, sigma, valid, felt, rates)
-        lost = self._lose()
+        self._lose()
         self._since[valid] = 0.0
-        self._deferred = dt, chord, z, sigma, valid
-        if lost or self._tracking.size < self.stage.size:
-            self._process()  # during a search, the most likely hypothesis steers
-
-    def search(self) -> None:
-        """Continue the searches. Results are used from the next estimate on."""
-        if self._deferred is not None:
-            self._process()
-        if self._due is None:
-            return
-        (due, sigma), self._due = self._due, None
-        found = self._search.go_on(due, sigma) if due.any() else None
-        if found is not None:
-            self._start(*found, sigma)
-        self._update_most_likely()
-
-    def _process(self) -> None:
-        """Add the newest range to the search, and start searches of the flights with their first range."""
-        assert self._deferred is not None
-        (dt, chord, z, sigma, valid), self._deferred = self._deferred, None
         due = self._search.observe(dt, chord, z, sigma, valid)
         begin = np.flatnonzero(valid & (self.stage == Stage.EMPTY))
         if begin.size:
@@ -153,7 +131,17 @@ class MultipleModelFilter:
             self._search.begin(begin, z[begin])
         if self._search.at.size:
             self._due = due, sigma
-            self._update_most_likely()
+            self._update_most_likely()  # during a search, the most likely hypothesis steers
+
+    def search(self) -> None:
+        """Continue the searches. Results are used from the next estimate on."""
+        if self._due is None:
+            return
+        (due, sigma), self._due = self._due, None
+        found = self._search.go_on(due, sigma) if due.any() else None
+        if found is not None:
+            self._start(*found, sigma)
+        self._update_most_likely()
 
     def _track(
         self,
@@ -207,16 +195,16 @@ class MultipleModelFilter:
         weight[:, self._tracking] = self._tracks.weight
         self.assumed = self._assumptions @ weight
 
-    def _lose(self) -> bool:
-        """Move flights with an inconsistent track back to the search. Return True if there are any."""
+    def _lose(self) -> None:
+        """Move flights with an inconsistent track back to the search."""
         if not self._tracking.size:
-            return False
+            return
         drift = np.hypot(*ekf.drift(self.mean))
         astray = (self.missed > MISSED) | (self.spread > LOST) | (drift > DRIFT_MOST * self._settings.speed)
         sound = np.isfinite(self.mean.sum(axis=0) + self.covariance.sum(axis=(0, 1)))
         lost = (self.stage == Stage.TRACKING) & (astray | ~sound)
         if not lost.any():
-            return False
+            return
         stay = ~lost[self._tracking]
         self._tracks = Hypotheses(*(part[..., stay] for part in self._tracks))
         self._tracking = self._tracking[stay]
@@ -225,7 +213,6 @@ class MultipleModelFilter:
         self.mean[:, ~sound], self.covariance[:, :, ~sound] = 0.0, 0.0
         self._assume()
         self._search.forget()
-        return True
 
     def _update_most_likely(self) -> None:
         """Copy the most likely hypothesis of each search to the mean."""

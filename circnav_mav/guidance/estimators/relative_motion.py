@@ -6,7 +6,7 @@ from math import sqrt
 import numpy as np
 
 from circnav_mav.guidance.estimators.acquisition import Prior
-from circnav_mav.guidance.estimators.dead_reckoning import Belief, FlownPath, PathPoint, predict_belief
+from circnav_mav.guidance.estimators.dead_reckoning import FlownPath, PathPoint, predict_one
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.multiple_model import TRUSTED, MultipleModelFilter, Stage
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
@@ -105,11 +105,14 @@ class DriftEstimator(Estimator):
         if point is None or self._used is None or point.piece != self._used.piece or self.bank.stage[0] == Stage.EMPTY:
             return None
         then, own, tracks = self._used, point.motion, self.bank.stage[0] == Stage.TRACKING
-        mean, covariance = tuple(self.bank.mean[:, 0].tolist()), self.bank.covariance[:, :, 0]
-        belief = Belief(mean, covariance, *self.bank.assumed[:, 0].tolist())
+        mean, covariance, assumed = (
+            self.bank.mean[:, 0].tolist(),
+            self.bank.covariance[:, :, 0],
+            self.bank.assumed[:, 0],
+        )
         dt, chord = max(own.time - then.motion.time, 0.0), (point.x - then.x, point.y - then.y)
         felt = point.velocity_change_since(then)
-        at = predict_belief(belief, dt, chord, heading=own.heading, airspeed=own.airspeed, felt=felt)
+        at = predict_one(mean, covariance, assumed.tolist(), dt, chord, own.heading, own.airspeed, felt)
         # without ranges, the uncertainty of the prediction grows
         bound = max(TRUSTED, GROWN * float(self.bank.spread[0]))
         steers = self.ready and at.r_variance / at.r**2 + at.direction_variance < bound**2
@@ -122,11 +125,11 @@ class DriftEstimator(Estimator):
             heading=own.heading,
             turn_rate=own.turn_rate,
             airspeed=at.airspeed,
-            scale=belief.mean[KAPPA],
+            scale=mean[KAPPA],
             trusted=steers,
             trial=None if tracks else int(self.bank.most_likely[0]),
             drift_remembered=self.bank.remembers,
-            acceleration_weight=belief.acceleration_weight if tracks and felt is not None else 0.0,
+            acceleration_weight=float(assumed[2]) if tracks and felt is not None else 0.0,
             drift_covariance=(covariance.item(DX, DX), covariance.item(DX, DY), covariance.item(DY, DY)),
         )
         return RangeEstimate(
@@ -203,10 +206,7 @@ class AutoEstimator(Estimator):
         by_range = self.kalman.at(time)
         if by_drift is None or by_range is None:
             return by_range
-        return RangeEstimate(
-            time, by_range.r, by_range.r_dot, by_range.r_sigma, by_range.r_dot_sigma,
-            relative=by_drift.relative, missed=by_drift.missed,
-        )  # fmt: skip
+        return by_range._replace(relative=by_drift.relative, missed=by_drift.missed)
 
 
 def _step(before: PathPoint, after: PathPoint) -> tuple[Array, Array]:

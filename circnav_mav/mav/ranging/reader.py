@@ -150,8 +150,7 @@ class RangeReader:
             return Reject.OTHER_SENSOR
         if isinstance(reading, Reject):
             return reading
-        if settings.calibration.is_set:
-            reading = reading.calibrated(settings.calibration)
+        reading = reading.calibrated(settings.calibration)
         if reading.slant <= 0:  # near the beacon, a corrected bias of meters can give this
             return Reject.NO_RANGE
         if reading.slant > self._kind.farthest:
