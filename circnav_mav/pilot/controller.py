@@ -118,7 +118,7 @@ class Controller:
     def on_motion(self, own: OwnMotion, nose: OwnMotion) -> None:
         """Update turn-rate gain, delay and `followed` from the vehicle's heading. nose: motion as reported."""
         before = self._answer.command_gain.time
-        if not self._loop.on_motion(own, nose):
+        if not self._loop.answer.on_motion(own, nose):
             return
         if self.at_speed:
             self.lean = self.lean.follow(own)
