@@ -96,7 +96,7 @@ class Guidance:
             return False
         self._estimator.move(own)
         nose = own._replace(bank_turn=None)
-        self._loop.on_motion(nose, nose)
+        self._loop.answer.on_motion(nose, nose)
         return True
 
     def estimate(self, now: float) -> RangeEstimate | None:

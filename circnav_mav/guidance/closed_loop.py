@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from circnav_mav.guidance.step import LawChoice, Steering, compensate_turn_gain, holding
 from circnav_mav.guidance.turn_answer import LearnedResponse
-from circnav_mav.guidance.types import Orbit, OwnMotion, RangeEstimate, TurnCommand
+from circnav_mav.guidance.types import Orbit, RangeEstimate, TurnCommand
 from circnav_mav.guidance.watches import next_trim
 
 LONGEST_TRIM_STEP = 0.2
@@ -39,13 +39,6 @@ class ClosedLoop:
         assert isinstance(self._steer, Steering)
         self._steer.change(orbit, law)
         self.orbit, self._trim = orbit, self._trim if keeps_trim else 0.0
-
-    def on_motion(self, own: OwnMotion, nose: OwnMotion) -> bool:
-        """Learn from own motion. Return True if the vehicle is commanded. nose: motion as reported."""
-        commanded = self.answer.on_motion(own)
-        if commanded:
-            self.answer.watch(nose)
-        return commanded
 
     def command(self, estimate: RangeEstimate, now: float) -> TurnCommand:
         """Return the turn that the law demands, with all corrections."""

@@ -43,12 +43,11 @@ class RateCheck:
 
     def reset(self) -> None:
         """Discard stored ranges and rates after a gap or a change of clock: new values are not comparable with them."""
-        self._integral, self._rate = 0.0, None
+        self._integral = 0.0
+        self._rate: tuple[float, float] | None = None
         self._ranges: deque[tuple[float, float, float]] = deque()
         self.bias = 0.0
         """Recent bias of the rates, m/s, as estimated from the ranges."""
-
-    _rate: tuple[float, float] | None
 
     def add_rate(self, stamp: float, rate: float) -> None:
         """Add a measured rate (m/s) at stamp (s)."""

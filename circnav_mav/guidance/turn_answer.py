@@ -7,7 +7,7 @@ from circnav_mav.guidance.bank_limit import LONGEST_BANK_INTERVAL, BankLimit
 from circnav_mav.guidance.maths import Array
 from circnav_mav.guidance.pending_turn import Pending, PendingTurn
 from circnav_mav.guidance.turn_gain import TurnGain, learn
-from circnav_mav.guidance.turn_monitor import TurnBin, TurnMonitor
+from circnav_mav.guidance.turn_monitor import TurnMonitor
 from circnav_mav.guidance.turn_response import Knowledge, Response, ResponseLearner, TurnBins
 from circnav_mav.guidance.types import OwnMotion
 
@@ -81,18 +81,9 @@ class LearnedResponse:
         self._learner.candidates.command(now, reached)
         self._pending.command(now, reached * self.gain)
 
-    def watch(self, nose: OwnMotion) -> None:
-        """Compare the turn of the nose, or of the bank, with the commanded turn. nose: motion as the autopilot reports
-        it, before the correction to the path through the air."""
-        self._nose += remainder(nose.heading - self._nose, 2 * pi)
-        turned = self._nose if nose.bank_turn is None else self._turned
-        new, commanded = self._bins.take(nose.time, turned, self.link), self._commanded
-        if new is not None and commanded is not None:
-            begun = self._learner.candidates.begun
-            self.monitor.take(TurnBin(nose.time, new.predicted.ravel(), new.turned, commanded), begun)
-
-    def on_motion(self, own: OwnMotion) -> bool:
-        """Learn from the vehicle's heading, or bank. Return True if the vehicle is commanded."""
+    def on_motion(self, own: OwnMotion, nose: OwnMotion) -> bool:
+        """Learn from the vehicle's heading, or bank, and monitor its turns. Return True if the vehicle is commanded.
+        nose: motion as the autopilot reports it, before the correction to the path through the air."""
         if own.bank_turn is None:
             self._turned += remainder(own.heading - self._turned, 2 * pi)
         else:
@@ -117,6 +108,10 @@ class LearnedResponse:
             commanded, banked = float(self.command_gain.smooth_command), float(self.bank_gain.smooth_command)
             self.bank_limit = self.bank_limit.follow(own, commanded, banked)
         self._watch_obedience(own.time)
+        self._nose += remainder(nose.heading - self._nose, 2 * pi)
+        turned = self._nose if nose.bank_turn is None else self._turned
+        if (new := self._bins.take(nose.time, turned, self.link)) is not None:
+            self.monitor.take(new, self._commanded, self._learner.candidates.begun)
         return True
 
     def _watch_obedience(self, now: float) -> None:

@@ -64,35 +64,20 @@ has a damping of 0.06 is quiet at a third of the gains, with 0.05 at 3 rad/s at 
 hold a circle of 60 m in wind (71 m off)."""
 
 
-class Swing(NamedTuple):
-    """Oscillation of turn rates. size: RMS of the fast part, rad/s. period: s, inf without one. repeats, reverses:
-    autocorrelation after a whole period, and its minimum before."""
-
-    size: float = 0.0
-    period: float = inf
-    repeats: float = 0.0
-    reverses: float = 0.0
-
-    @property
-    def regular(self) -> bool:
-        """True if the autocorrelation fits a limit cycle."""
-        return self.repeats >= REPEATS and self.reverses <= REVERSES
-
-
 class TurnBin(NamedTuple):
-    """Turn rates of a bin, rad/s. time: of its end, s. predicted: by each candidate."""
+    """Mean turn rates of a bin, rad/s. time: of its end, s. width: its duration, s. predicted: by each candidate."""
 
     time: float
+    width: float
     predicted: Batch
     flown: float
-    commanded: float
 
 
 class TurnMonitor:
     """Detects a vehicle that does not follow, and lowers the gains in a limit cycle.
 
     follows: False while the vehicle does not follow turn commands. since: time of that verdict, s; inf if the vehicle
-    follows. share: factor on the gains. cycles: number of reductions. swing: oscillation of the newest bins.
+    follows. share: factor on the gains.
     """
 
     def __init__(self, limit: float) -> None:
@@ -102,17 +87,16 @@ class TurnMonitor:
         self._turns: deque[tuple[float, float]] = deque(maxlen=SWING_WINDOW)
         self._in_a_row = self._regular = 0
         self.follows, self.since = True, inf
-        self.share, self.cycles = 1.0, 0
-        self.swing = Swing()
+        self.share = 1.0
 
-    def take(self, new: TurnBin, begun: float) -> None:
-        """Add a bin. begun: time of the first command to this vehicle, s."""
+    def take(self, new: TurnBin, commanded: float, begun: float) -> None:
+        """Add a bin. commanded: turn rate, rad/s. begun: time of the first command to this vehicle, s."""
         if self._bins and new.time - self._bins[-1].time > LONGEST_GAP:
             self._forget()
         if new.time - begun < BEGINS:
             return
         self._bins.append(new)
-        self._turns.append((new.flown, new.commanded))
+        self._turns.append((new.flown, commanded))
         self._judge_following(new.time)
         self._judge_swing()
 
@@ -139,12 +123,10 @@ class TurnMonitor:
     def _judge_swing(self) -> None:
         if len(self._turns) < LEAST_SWING_WINDOW:
             return
-        flown, commanded = (find_swing(np.array(turns)) for turns in zip(*self._turns, strict=True))
-        self.swing = max(flown, commanded, key=lambda swing: (swing.regular, swing.size))
-        regular = self.swing.regular and self.swing.size >= LEAST_SWING * self._limit
-        self._regular = self._regular + 1 if regular else 0
+        swings, size = max(_swing(np.array(turns)) for turns in zip(*self._turns, strict=True))
+        self._regular = self._regular + 1 if swings and size >= LEAST_SWING * self._limit else 0
         if self._regular >= LASTS:
-            self.share, self.cycles = max(self.share * LOWERED, LEAST), self.cycles + 1
+            self.share = max(self.share * LOWERED, LEAST)
             # Turns flown with the previous gains do not show the effect of the new ones.
             self._turns.clear()
             self._regular = 0
@@ -155,7 +137,7 @@ def _evidence(bins: deque[TurnBin], width: int) -> int:
     constant turn never gives +1: it may be independent of the commands."""
     newest = list(bins)[-width:]
     flown = np.array([one.flown for one in newest])
-    predicted = np.array([one.predicted for one in newest])
+    predicted = np.array([one.predicted.ravel() for one in newest])
     square, product = (predicted**2).sum(0), flown @ predicted
 
     def errors(least: float, most: float) -> Batch:
@@ -172,8 +154,9 @@ def _evidence(bins: deque[TurnBin], width: int) -> int:
     return -1 if other < BETTER * following else int(following < BETTER * other)
 
 
-def find_swing(turns: Batch) -> Swing:
-    """Return the oscillation of binned turn rates (rad/s). A parabola removes the slow part: wind and approach."""
+def _swing(turns: Batch) -> tuple[bool, float]:
+    """Return True if binned turn rates (rad/s) repeat as in a limit cycle, and the RMS of their fast part, rad/s. A
+    parabola removes the slow part: wind and approach."""
     place = np.linspace(-1.0, 1.0, turns.size)
     fast = turns - np.polyval(np.polyfit(place, turns, 2), place)
     size = sqrt(float(np.mean(fast**2)))
@@ -181,12 +164,11 @@ def find_swing(turns: Batch) -> Swing:
     correlation = np.array([_correlation(fast[:-lag], fast[lag:]) for lag in range(1, longest + 1)])
     negative = np.flatnonzero(correlation < 0)
     if not negative.size:
-        return Swing(size)
+        return False, size
     peak = int(negative[0]) + int(correlation[negative[0] :].argmax())
     if peak + 1 >= longest:  # still rising: the period is longer than any cycle's
-        return Swing(size)
-    half = correlation[: peak + 1].min()
-    return Swing(size, BIN * (peak + 1), float(correlation[peak]), float(half))
+        return False, size
+    return bool(correlation[peak] >= REPEATS and correlation[: peak + 1].min() <= REVERSES), size
 
 
 def _correlation(a: Batch, b: Batch) -> float:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from circnav_mav.guidance.maths import Array
-from circnav_mav.guidance.turn_monitor import BIN
+from circnav_mav.guidance.turn_monitor import BIN, TurnBin
 
 DEADS = np.arange(0.0, 1.01, 0.1)
 """Candidates of the dead time, s."""
@@ -130,14 +130,6 @@ class CandidateTurns:
             self._turned.popleft()
 
 
-class Binned(NamedTuple):
-    """Mean turn rates of a bin, rad/s. width: its duration, s. predicted: by each candidate. turned: as flown."""
-
-    width: float
-    predicted: Array
-    turned: float
-
-
 class TurnBins:
     """Divides a flight into bins of flown and predicted turn rates."""
 
@@ -146,7 +138,7 @@ class TurnBins:
         self._begin: tuple[float, float, float, Array | None] | None = None
         """Time (s), turned angle, link delay and the candidates' angles at the start of this bin."""
 
-    def take(self, time: float, turned: float, link: float) -> Binned | None:
+    def take(self, time: float, turned: float, link: float) -> TurnBin | None:
         """Add the turned angle (rad, unwrapped, any origin) at a time (s). Return the completed bin, or None.
         link: round trip, s."""
         if self._candidates.commanded is None or (self._begin is not None and time - self._begin[0] < BIN):
@@ -163,7 +155,7 @@ class TurnBins:
         if angles is None or angles_before is None:
             return None
         width = time - began
-        return Binned(width, (angles - angles_before) / width, (turned - turned_before) / width)
+        return TurnBin(time, width, (angles - angles_before) / width, (turned - turned_before) / width)
 
     def reset(self) -> None:
         """Discard the current bin."""
@@ -197,7 +189,7 @@ class ResponseLearner:
     def on_motion(self, time: float, turned: float, link: float) -> None:
         """Learn from the turned angle (rad, unwrapped, any origin) at a time (s). link: round trip, s."""
         if (new := self._bins.take(time, turned, link)) is not None:
-            self._learn(new.predicted, new.turned, new.width)
+            self._learn(new.predicted, new.flown, new.width)
 
     def _learn(self, model: Array, rate: float, width: float) -> None:
         """Update the fit with the mean turn rate of a bin and its prediction by each candidate."""

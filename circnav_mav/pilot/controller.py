@@ -97,7 +97,7 @@ class Controller:
     def on_motion(self, own: OwnMotion, nose: OwnMotion) -> None:
         """Update turn-rate gain, delay and `followed` from the vehicle's heading. nose: motion as reported."""
         before = self.answer.command_gain.time
-        if not self._loop.on_motion(own, nose):
+        if not self.answer.on_motion(own, nose):
             return
         if self.at_speed:
             self.lean = self.lean.follow(own)

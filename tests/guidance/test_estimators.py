@@ -1,5 +1,6 @@
 """The estimators `unicycle` and `measured`, and the use of a measured range rate by all estimators."""
 
+from copy import deepcopy
 from dataclasses import replace
 from math import cos, hypot, pi
 
@@ -9,7 +10,7 @@ import pytest
 from circnav_mav import Direction, Guidance, Orbit
 from circnav_mav.guidance.estimators.relative_motion import DriftEstimator
 from circnav_mav.guidance.estimators.table import ESTIMATORS
-from circnav_mav.guidance.estimators.unicycle import UnicycleEstimator
+from circnav_mav.guidance.estimators.unicycle import UnicycleEstimator, UnicycleFilter
 from circnav_mav.guidance.types import RangeSample, RateSample
 from tests.guidance.relative import RADIUS, SETTINGS, WIND, Circling, V, listen, listened, silent, still
 
@@ -77,6 +78,45 @@ def test_unicycle_knows_the_angle_to_the_target_in_still_air():
     assert estimator.ready
     assert estimator.at(14.95).eta == pytest.approx(true, abs=0.05)
     assert estimator.at(14.95).r_dot == pytest.approx(-V * cos(true), abs=0.5)
+
+
+@pytest.mark.parametrize("measured", ["range", "rate"])
+def test_both_hypotheses_of_unicycle_are_textbook_filters_of_the_exact_motion(measured):
+    """The target in body axes, moved by the chord and turned, with Jacobians by differences."""
+    dt, turned, one, unicycle = 0.1, 0.03, np.array([True]), UnicycleFilter(5.0)
+
+    def moved(x):
+        place = (x[0] * np.exp(1j * x[1]) - V * dt * np.exp(0.5j * turned)) * np.exp(-1j * turned)
+        return np.array([abs(place), np.angle(place)])
+
+    def expected(x):
+        return x[0] if measured == "range" else -V * np.cos(x[1])
+
+    def derivatives(function, x):
+        return np.array([(function(x + h) - function(x - h)) / 2e-6 for h in 1e-6 * np.eye(2)]).T
+
+    unicycle.update(np.array([100.0]), np.array([0.5]), one)
+    unicycle.predict(np.array([V]), np.array([turned]), dt)
+    predicted, likelihood = deepcopy(unicycle), []
+    z, sigma = (np.array([101.0]), np.array([0.4])) if measured == "range" else (np.array([2.0]), np.array([0.3]))
+    if measured == "range":
+        unicycle.update(z, sigma, one)
+    else:
+        unicycle.update_rate(z, sigma, np.array([V]), one)
+    for side, eta in enumerate((pi / 2, -pi / 2)):
+        x = np.array([100.0, eta])
+        F = derivatives(moved, x)
+        x, P = moved(x), F @ np.diag([0.25, 1.0]) @ F.T + np.diag([0.05**2, 0.03**2]) * dt
+        assert predicted.x[:, side, 0] == pytest.approx(x, abs=2e-3)
+        assert predicted.P[..., side, 0] == pytest.approx(P, rel=0.01, abs=1e-3)
+        x, P = predicted.x[:, side, 0], predicted.P[..., side, 0]
+        H = derivatives(expected, x)
+        nu, S = z[0] - expected(x), H @ P @ H + sigma[0] ** 2
+        assert unicycle.x[:, side, 0] == pytest.approx(x + P @ H / S * nu, abs=1e-6)
+        assert unicycle.P[..., side, 0] == pytest.approx(P - np.outer(P @ H, P @ H) / S, abs=1e-6)
+        likelihood.append(-0.5 * nu**2 / S - 0.5 * np.log(S))
+    assert np.diff(unicycle.log_weight[:, 0]) == pytest.approx(np.diff(likelihood), abs=1e-6)
+    assert unicycle.likelier[0][1, 0] == unicycle.x[1, np.argmax(likelihood), 0]
 
 
 @pytest.mark.parametrize("gap", [15.0, 60.0])

@@ -1,6 +1,6 @@
 """The laws on range and range rate: equations, steady states, bounds of their commands, and default gains."""
 
-from math import asin, cos, isfinite, pi, sqrt
+from math import asin, cos, isfinite, pi, sin, sqrt
 
 import numpy as np
 import pytest
@@ -59,6 +59,36 @@ def test_every_law_stays_finite_for_every_trim_of_its_radius_and_gain_that_is_al
 def test_the_radius_fed_is_the_one_that_reaches_the_radius_asked_for(law, V, r_d, above):
     k = above * law.gain_bound(V, r_d)
     assert law.reached_radius(V, law.fed_radius(V, r_d, k), k) == pytest.approx(r_d, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("number", "expected"),
+    [
+        (laws.reached_radius(10.0, 0.01), 10.98684113),  # example 1
+        (laws.corrected_radius(10.0, 0.01), 8.66025404),  # example 2
+        (laws.corrected_radius(10.0, -0.01), 8.66025404),
+        (laws.smooth_gain_bound(10.0), 0.005),
+        (laws.switching_gain_bound(15.0, 100.0), 0.15),
+    ],
+)
+def test_law_1_reaches_and_is_fed_the_papers_radii_above_the_papers_bounds(number, expected):
+    assert number == pytest.approx(expected, rel=1e-9)
+
+
+@given(theta_b=st.floats(0, 2 * pi), r=st.floats(45, 1e3), turn=st.floats(-1, 1))
+def test_no_turn_accelerates_the_range_beyond_its_bound(theta_b, r, turn):
+    """r'' = V sin(theta_b) theta_b' with theta_b' = omega + V sin(theta_b)/r (eq. `thetadot`).
+
+    V = 15 m/s, omega_max = 1/3 rad/s, so the tightest turn is 45 m."""
+    V, omega_max = 15.0, 1 / 3
+    acceleration = V * sin(theta_b) * (turn * omega_max + V * sin(theta_b) / r)
+    assert abs(acceleration) <= laws.max_range_acceleration(V, omega_max, r) * (1 + 1e-12)
+
+
+@pytest.mark.parametrize(("r", "bound"), [(1e-6, 10.0), (45.0, 10.0), (90.0, 7.5)])
+def test_the_acceleration_bound_stops_growing_inside_the_tightest_turn(r, bound):
+    """V^2/r + V omega_max of the same vehicle."""
+    assert laws.max_range_acceleration(15.0, 1 / 3, r) == pytest.approx(bound)
 
 
 @pytest.mark.parametrize("law", [smooth, switching])

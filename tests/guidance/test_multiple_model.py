@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.multiple_model import MultipleModelFilter, Stage
-from circnav_mav.guidance.estimators.relative_ekf import CLOSEST, KAPPA, STATES, R, update
+from circnav_mav.guidance.estimators.relative_ekf import CLOSEST, KAPPA, LEFT, STATES, B, R, update
 from circnav_mav.guidance.maths import chord
 from tests.guidance.relative import hypothesis, noise
 
@@ -54,6 +54,15 @@ def tracking():
     flown = Flown().listen(25.0)
     assert flown.bank.stage[0] == Stage.TRACKING
     return flown
+
+
+def test_a_track_begins_with_the_spread_of_what_the_search_does_not_show():
+    """Half of the sigma for the drifting error of a range, 0.02 V for a gust, 0.2 m/s^2 for the accelerometer."""
+    flown = Flown()
+    while flown.bank.stage[0] != Stage.TRACKING:
+        flown.hear(STEP, 0.5)
+    spread = np.sqrt(np.diag(flown.bank.covariance[..., 0]))
+    assert spread[B : LEFT + 1] == pytest.approx([0.25, 0.3, 0.3, 0.2, 0.2])
 
 
 received = st.lists(

@@ -27,6 +27,14 @@ def test_the_white_part_of_the_noise_is_measured_of_each_flight_though_the_range
     assert white == pytest.approx([0.1, 0.2], rel=0.35)
 
 
+def test_a_window_keeps_the_newest_sixteen_seconds():
+    bins = listened(np.full(400, 0.05), np.full((400, 2), 100.0), np.ones((400, 2), bool)).bins(
+        np.arange(2), np.full(2, SIGMA)
+    )
+    assert bins.z.shape == (2, 64)
+    assert bins.age[0] == pytest.approx(0.25 * np.arange(63, -1, -1) + 0.15, abs=0.051)
+
+
 def test_what_the_sensor_says_stands_for_the_white_part_until_it_is_measured_and_bounds_it():
     chance = np.random.default_rng(4)
     ranges, every = chance.normal(100, 5.0, (400, 2)), np.ones((400, 2), bool)

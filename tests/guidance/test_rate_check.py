@@ -89,3 +89,5 @@ def test_a_small_offset_of_the_carrier_is_found_and_harms_nobody():
     check, changes = judged(lambda t, true, measured: measured + 0.2, seconds=60.0)
     assert changes == []
     assert check.bias == pytest.approx(0.2, abs=0.1)
+    check.reset()
+    assert check.bias == 0.0

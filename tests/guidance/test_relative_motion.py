@@ -10,6 +10,7 @@ from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.multiple_model import MultipleModelFilter, Stage
 from circnav_mav.guidance.estimators.relative_ekf import GX, GY, KAPPA
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator, DriftEstimator
+from circnav_mav.guidance.estimators.unicycle import UnicycleEstimator
 from circnav_mav.guidance.maths import chord
 from circnav_mav.guidance.types import IntegratedAcceleration, RangeSample
 from tests.guidance.relative import OMEGA, SETTINGS, WIND, Circling, V, error, listen, listened, silent, still
@@ -25,6 +26,16 @@ def test_target_and_drift_are_found_whatever_the_rates(every, motion_every, moti
     assert estimator.ready and estimate.relative.trusted
     assert error(estimator, world, 25.0) < 5.0
     assert (estimate.relative.drift_x, estimate.relative.drift_y) == pytest.approx(WIND, abs=0.5)
+    assert 0.05 < estimate.r_dot_sigma < 1.0
+
+
+def test_a_search_goes_on_after_the_first_estimate_and_before_the_next_range():
+    """The first estimate after a range becomes a setpoint at once. A search iteration would delay it."""
+    world, estimator = Circling(), DriftEstimator(SETTINGS)
+    listen(estimator, world, 0.0, 2.0)
+    assert [(estimator.at(t) is not None, estimator.bank._due is not None) for t in (1.95, 1.95, 2.0)] == [
+        (True, True), (True, True), (True, False)
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("wrong", ["outliers", "airspeed"])
@@ -67,12 +78,12 @@ def test_without_heading_the_bank_is_not_ready_but_auto_is():
     assert auto.ready and auto.at(5.0).relative is None
 
 
-def test_late_and_repeated_samples_are_refused():
-    world, estimator = listened()
-    before = estimator.bank.mean.copy()
-    assert estimator.observe(world.range(29.95)) is Fused.GATED
-    assert estimator.observe(world.range(29.0)) is Fused.GATED
-    assert np.array_equal(before, estimator.bank.mean)
+@pytest.mark.parametrize("make", [DriftEstimator, UnicycleEstimator])
+def test_late_and_repeated_samples_are_refused(make):
+    world, estimator = listened(make, 30.0, still)
+    before = estimator.at(29.95)
+    assert [estimator.observe(world.range(t)) for t in (29.95, 29.0)] == [Fused.GATED] * 2
+    assert estimator.at(29.95) == before
 
 
 def test_an_outage_is_flown_on_dead_reckoning_and_trust_fades():

@@ -29,7 +29,8 @@ class Vehicle:
             self.rate += (GAIN * self._on_the_way.pop(0) - self.rate) * STEP / LAG
             self.heading += self.rate * STEP
             self.now = round(self.now + STEP, 6)
-            self.answer.on_motion(OwnMotion(self.now, self.heading, self.rate, 5.0))
+            own = OwnMotion(self.now, self.heading, self.rate, 5.0)
+            self.answer.on_motion(own, own)
         return self.answer
 
 

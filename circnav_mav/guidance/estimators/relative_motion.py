@@ -105,14 +105,11 @@ class DriftEstimator(Estimator):
         if point is None or self._used is None or point.piece != self._used.piece or self.bank.stage[0] == Stage.EMPTY:
             return None
         then, own, tracks = self._used, point.motion, self.bank.stage[0] == Stage.TRACKING
-        mean, covariance, assumed = (
-            self.bank.mean[:, 0].tolist(),
-            self.bank.covariance[:, :, 0],
-            self.bank.assumed[:, 0],
-        )
+        mean, covariance = self.bank.mean[:, 0].tolist(), self.bank.covariance[:, :, 0]
+        assumed = self.bank.assumed[:, 0].tolist()
         dt, chord = max(own.time - then.motion.time, 0.0), (point.x - then.x, point.y - then.y)
         felt = point.velocity_change_since(then)
-        at = predict_one(mean, covariance, assumed.tolist(), dt, chord, own.heading, own.airspeed, felt)
+        at = predict_one(mean, covariance, assumed, dt, chord, own.heading, own.airspeed, felt)
         # without ranges, the uncertainty of the prediction grows
         bound = max(TRUSTED, GROWN * float(self.bank.spread[0]))
         steers = self.ready and at.r_variance / at.r**2 + at.direction_variance < bound**2
@@ -129,7 +126,7 @@ class DriftEstimator(Estimator):
             trusted=steers,
             trial=None if tracks else int(self.bank.most_likely[0]),
             drift_remembered=self.bank.remembers,
-            acceleration_weight=float(assumed[2]) if tracks and felt is not None else 0.0,
+            acceleration_weight=assumed[2] if tracks and felt is not None else 0.0,
             drift_covariance=(covariance.item(DX, DX), covariance.item(DX, DY), covariance.item(DY, DY)),
         )
         return RangeEstimate(

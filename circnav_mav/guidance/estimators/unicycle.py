@@ -91,7 +91,6 @@ class UnicycleFilter:
         self.P = self.P - K[:, None] * PH[None]
         likelihood = np.maximum(-0.5 * nis, -0.5 * self._gate**2) - 0.5 * np.log(np.maximum(S, 1e-9))
         self.log_weight = self.log_weight + np.where(arrived, likelihood, 0.0)
-        self.log_weight = self.log_weight - self.log_weight.max(axis=0)
         best = self.log_weight.argmax(axis=0)
         self.nis = np.where(arrived, nis[best, np.arange(best.size)], self.nis)
         return fits
