@@ -1,4 +1,4 @@
-"""Expected RMS error of the radius: a linear model of the radial channel near the circle.
+"""Expected RMS error of the radius: range noise and steady errors, and gusts by a linear model near the circle.
 
     e' = u + g,   u' = h (c - u),   c = -(b e_hat + g_hat),   z = e + white noise
 
@@ -7,11 +7,11 @@ correlation time (the first-order form of the Dryden model). b, h: gains of the 
 e_hat, g_hat: steady-state Kalman filter of (e, g) with the range noise. The RMS follows from the Lyapunov equation of
 the closed loop (linear-quadratic-Gaussian control; Anderson and Moore, "Optimal Control", 1990).
 
-UNSTEADY is fitted on three flights of the emulator in calm air. SEEN is fitted on the cell "gusts 1.5, with
-accelerations" of extras/bench/BENCHMARK.md. CARRIED is an estimate.
+The five coefficients are fitted to 110 random missions of `tests.tools.bench.bench_plan`, law `auto`: planes 15 to
+27 m/s, copters 3 to 8 m/s and rovers 1.5 to 5 m/s, ranges of 0.1 to 2 m at 4 to 20 Hz, gusts up to 2 m/s.
 """
 
-from math import sqrt
+from math import hypot, sqrt
 
 import numpy as np
 from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov
@@ -23,31 +23,29 @@ from circnav_mav.mission.mission import Mission
 
 GUST_TIME = 3.0
 """Correlation time of gusts, s: default of the emulator."""
-UNSTEADY = 0.002
-"""Apparent gust in calm air, as a share of V: errors of heading and airspeed, and slip. Fitted: plane 0.162
-m, copter 0.064 m, rover 0.049 m flown with ranges of 0.5 m at 10 Hz, within 4 % of the model."""
-SEEN = 0.6
-"""Share of a gust that acts on the radius, because the accelerometers measure the onset of the gust. Fitted: 0.578 m
-flown in 1.5 m/s."""
-CARRIED = 0.15
-"""Share of a gust that displaces a copter whose autopilot holds its speed over the ground. Estimated from the drag of
-the vehicle (0.185 1/s) and the time in which its autopilot compensates (1 to 2 s)."""
+NOISE = 0.147
+"""Bandwidth of the radius error in calm air, 1/s: its variance over the power density of the range noise."""
+STEADY, STEADY_BANKED = 0.0055, 0.0091
+"""Remaining error as a share of the speed, s: of heading and airspeed. BANKED: of planes, with their side-slip."""
+LEAST_GUST = 1e-4
+"""Gust, m/s, below which the linear model is singular and its result nothing."""
+ACTS, ACTS_ON_HELD = 0.46, 0.049
+"""Share of a gust that acts on the radius. Accelerometers measure its onset. ON_HELD: of vehicles whose autopilot holds
+the speed over the ground."""
 
 
 def radius_rms(mission: Mission, gust: float) -> float:
     """Return the expected RMS of the radius error on the mission's first circle, m. gust: RMS per axis, m/s."""
     orbit, ranging, delay = mission.orbit, mission.file.ranging, mission.file.vehicle.turn_lag_s
+    banks = any(one.banks for one in mission.vehicles)
     holds_ground_speed = any(one.ground_speed_sigma is not None for one in mission.vehicles)
-    late = MEASUREMENT_DELAY if any(one.banks for one in mission.vehicles) else 0.0
-    gains = drift_gains(orbit.speed, delay + LINK + late, 1 / max(delay, 1e-3))
-    rolls = mission.file.vehicle.kind == "rover"
-    gust *= 0.0 if rolls else CARRIED if holds_ground_speed else SEEN
-    return linear_rms(
-        noise=ranging.sigma_m**2 / ranging.rate_hz,
-        gust=float(np.hypot(gust, UNSTEADY * orbit.speed)),
-        radial=float(gains.radial) * orbit.speed,
-        heading=float(gains.heading),
-    )
+    noise = ranging.sigma_m**2 / ranging.rate_hz
+    calm = NOISE * noise + ((STEADY_BANKED if banks else STEADY) * orbit.speed) ** 2
+    felt = 0.0 if mission.file.vehicle.kind == "rover" else gust * (ACTS_ON_HELD if holds_ground_speed else ACTS)
+    if felt <= LEAST_GUST:
+        return sqrt(calm)
+    gains = drift_gains(orbit.speed, delay + LINK + (MEASUREMENT_DELAY if banks else 0.0), 1 / max(delay, 1e-3))
+    return hypot(sqrt(calm), linear_rms(noise, felt, float(gains.radial) * orbit.speed, float(gains.heading)))
 
 
 def linear_rms(noise: float, gust: float, radial: float, heading: float) -> float:
