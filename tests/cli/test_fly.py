@@ -86,7 +86,7 @@ def test_what_was_heard_instead_of_the_vehicle_is_told(circnav, mission, port, d
     assert told in ran.out
 
 
-@pytest.mark.parametrize(("command", "said"), [("fly", "WARNING    "), ("preflight", "WARN  endpoint    ")])
+@pytest.mark.parametrize(("command", "said"), [("fly", "WARNING    "), ("preflight", "WARN  endpoint      ")])
 def test_what_goes_wrong_on_an_endpoint_is_told(circnav, mission, port, command, said):
     endpoint = f"udpin:127.0.0.1:{port}"
     with speaking(port, heartbeat()):
