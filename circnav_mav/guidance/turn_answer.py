@@ -24,8 +24,9 @@ OBEYS_AFTER = 2.0
 """Time of turning as commanded, s, after which learning resumes. After this time the response model no longer contains
 commands that the vehicle did not receive."""
 TAKEN_BACK = 4.0
-"""Time span, s, that ends when a vehicle is found unresponsive. What was learned in it is discarded. After a loss of the
-uplink, ArduPilot keeps flying the last command for 3 s. While the commands do not change, this looks like following."""
+"""Time span, s, that ends when a vehicle is found unresponsive. What was learned in it is discarded. After a loss of
+the uplink, ArduPilot keeps flying the last command for 3 s. While the commands do not change, this looks like
+following."""
 
 
 class LearnedResponse:
