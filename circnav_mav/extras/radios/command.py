@@ -20,8 +20,7 @@ PERIOD, SPAN = 1.0, 10.0
 MOST_KEPT, MOST_BEACONS = 20_000, 32
 """Largest numbers of ranges per beacon and of beacons. They bound the memory: the link is not authenticated."""
 FEW = 5
-"""Number of ranges from which on the scatter, the share of outliers, and speed and jitter of the radio's clock are
-computed."""
+"""Smallest number of ranges for which scatter, outliers, and speed and jitter of the radio's clock are computed."""
 OUTLIER = 5.0
 """Residual, in standard deviations, from which a range is an outlier: the default of the mission's gate."""
 

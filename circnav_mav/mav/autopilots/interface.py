@@ -121,8 +121,8 @@ class Autopilot(ABC):
     cruises: ClassVar[bool] = False
     """True if the autopilot holds the airspeed of its own parameter and ignores the mission's."""
     ground_speed_sigma: ClassVar[float | None] = None
-    """Standard deviation of the ground speed, as a share of the commanded speed. None if the vehicle
-    drifts with the wind."""
+    """Standard deviation of the ground speed, as a share of the commanded speed. None if the vehicle drifts
+    with the wind."""
     velocity_loop: ClassVar[VelocityLoop | None] = None
     """Gains of the autopilot's velocity loop, for the lag of the velocity; None if the vehicle flies along its nose."""
     least_turn_gain: ClassVar[float] = 1.0
