@@ -21,7 +21,8 @@ FEWEST = 4
 DRIFTING = 0.1
 """Share of a range's variance that does not average out over a span: radios also have slow errors."""
 SURE = 4.0
-"""Significant slope, in standard deviations: it is tested ten times a second, for hours."""
+"""Smallest significant slope, in standard deviations. It is large because slopes are tested ten times a second, for
+hours."""
 TOLERATED = 2.0
 """Additional tolerance, in standard deviations of the rate."""
 RETRY, LONGEST_RETRY = 10.0, 160.0
@@ -42,7 +43,8 @@ class RateCheck:
         self._agreed = self._judged_at = 0.0
 
     def reset(self) -> None:
-        """Discard stored ranges and rates after a gap or a change of clock: new values are not comparable with them."""
+        """Discard the stored ranges and rates, after a gap or a change of the clock: new values are not comparable with
+        them."""
         self._integral = 0.0
         self._rate: tuple[float, float] | None = None
         self._ranges: deque[tuple[float, float, float]] = deque()
@@ -106,7 +108,8 @@ class RateCheck:
 
 
 class _Slope(NamedTuple):
-    """Slopes over a span, m/s. off: error of the rates. sigma: its standard deviation. change: slope of the ranges."""
+    """Slopes over a span, m/s. off: error of the rates. sigma: standard deviation of `off`. change: slope of the
+    ranges."""
 
     off: float
     sigma: float
@@ -116,8 +119,10 @@ class _Slope(NamedTuple):
     def words(self) -> str:
         """Human-readable description."""
         advice = ", opposite sign: see ranging.rate_sign" if self.opposite(0.25) else ""
-        return f"reported {self.change + self.off:+.1f} m/s, ranges change by {self.change:+.1f} m/s{advice}"
+        reported = f"the radio reports a range rate of {self.change + self.off:+.1f} m/s"
+        return f"{reported}, but its ranges change by {self.change:+.1f} m/s{advice}"
 
     def opposite(self, within: float) -> bool:
-        """True if the reported rate is that of the ranges with the opposite sign, within this share of it."""
+        """True if the reported rate is the slope of the ranges with the opposite sign. within: tolerance, as a share of
+        the slope."""
         return abs(self.change + self.off + self.change) < within * abs(self.change)

@@ -18,9 +18,9 @@ from circnav_mav.guidance.types import Orbit
 class LawTuning:
     """A law and the inputs of its gain rule, for any circle.
 
-    law: its name. estimation: of the range-rate filter. turn_lag: from a command to its turn, s. sigma, period: noise
-    (m) and period (s) of the ranges. gain: given by the mission; None: by the law's rule. rate_sigma: noise of a
-    measured range rate that steers directly, m/s; None if a filter estimates the rate.
+    law: name of the law. estimation: settings of the range-rate filter. turn_lag: delay from a command to its turn, s.
+    sigma, period: noise (m) and period (s) of the ranges. gain: gain of the mission; None if the law's rule computes
+    it. rate_sigma: noise of a measured range rate that the law uses directly, m/s; None if a filter estimates the rate.
     """
 
     law: str
@@ -33,8 +33,11 @@ class LawTuning:
     rate_sigma: float | None = None
 
     def steady_estimate(self, radius: float) -> SteadyState:
-        """Return noise and lag of the range rate on a circle with this radius (m). A filter is evaluated with ranges
-        alone: a measured rate may be rejected in flight, and the gains stay valid."""
+        """Return noise and lag of the range rate on a circle with this radius (m).
+
+        A filter is assumed to receive ranges only, even if the radio also measures range rates. The gains then remain
+        valid if these rates are rejected in flight.
+        """
         if self.rate_sigma is not None:
             return SteadyState(self.rate_sigma, self.period / 2)
         return steady_state(self.estimation, r=radius, sigma=self.sigma, period=self.period)

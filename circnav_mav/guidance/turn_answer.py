@@ -13,30 +13,33 @@ from circnav_mav.guidance.types import OwnMotion
 
 MEASUREMENT_DELAY = 0.2
 """Delay of a plane's reported turn rate behind its bank, s, as seen on ArduPlane 4.6.3; the side-slip estimate has the
-same delay. With gains for the delay of the bank alone, LoRa-like ranges cost 2.7 instead of 1.9 m of radius there."""
+same delay. With gains tuned for the delay of the bank alone, the radius error with LoRa-like ranges was 2.7 m instead
+of 1.9 m there."""
 SILENCE = 1.0
 """Pause of the commands, s, after which vehicles change to their default: brake, hover, loiter."""
 UNRESPONSIVE_AFTER = 1.0
-"""Time of not turning as commanded, s, after which a vehicle counts as unresponsive: reversing a turn takes less."""
+"""Time without turning as commanded, s, after which a vehicle counts as unresponsive. Reversing a turn takes less
+time."""
 OBEYS_AFTER = 2.0
 """Time of turning as commanded, s, after which learning resumes. After this time the response model no longer contains
 commands that the vehicle did not receive."""
 TAKEN_BACK = 4.0
-"""When a vehicle counts as unresponsive, what was learned in this time before, s, is discarded. ArduPilot keeps flying
-the last command for 3 s. While the commands do not change, this looks like following."""
+"""Time span, s, that ends when a vehicle is found unresponsive. What was learned in it is discarded. After a loss of
+the uplink, ArduPilot keeps flying the last command for 3 s. While the commands do not change, this looks like
+following."""
 
 
 class LearnedResponse:
     """Learned response of a vehicle, and the commanded turn that it has not flown yet.
 
     command_gain: flown over commanded turn rate. bank_gain: flown turn rate over the coordinated turn rate of the
-    bank; None until a commanded vehicle has reported a bank. link: round-trip delay, s. bank_limit: the autopilot's, as
-    found in flight.
+    bank; None until a commanded vehicle has reported a bank. link: round-trip delay, s. bank_limit: bank limit of the
+    autopilot, as measured in flight.
     """
 
     def __init__(self, lag: float, limit: float, *, gain: float | None = None, link: float = 0.0) -> None:
-        """lag: initial delay from a command to its turn, s. limit: of the commands, rad/s. gain: flown over commanded
-        turn rate; None: learned."""
+        """lag: initial delay from a command to its turn, s. limit: limit of the commanded turn rate, rad/s. gain: flown
+        over commanded turn rate; None if it is learned."""
         self._gain, self._limit, self.link = gain, limit, link
         self.command_gain = TurnGain(gain=gain or 1.0)
         self.bank_gain: TurnGain | None = None
@@ -68,7 +71,7 @@ class LearnedResponse:
         return self._learner.response(self.link)
 
     def pending(self, now: float, turn_rate: Array) -> Pending:
-        """Return the commanded turn that is not flown yet. turn_rate: of the vehicle now, rad/s."""
+        """Return the commanded turn that is not flown yet. turn_rate: turn rate of the vehicle now, rad/s."""
         late = 0.0 if self.bank_gain is None else MEASUREMENT_DELAY
         return self._pending.at(now, self.response, turn_rate)._replace(measurement_delay=late, most=self.most)
 
@@ -82,8 +85,12 @@ class LearnedResponse:
         self._pending.command(now, reached * self.gain)
 
     def on_motion(self, own: OwnMotion, nose: OwnMotion) -> bool:
-        """Learn from the vehicle's heading, or bank, and monitor its turns. Return True if the vehicle is commanded.
-        nose: motion as the autopilot reports it, before the correction to the path through the air."""
+        """Update the learned gains, delay and bank limit from the vehicle's heading or bank, and monitor its turns.
+
+        own: motion with the heading corrected to the direction of the path through the air, by the side-slip or the
+        model of a copter's velocity. nose: motion as the autopilot reports it. Return True if a turn command was
+        recorded since the last `reset`. Otherwise circnav does not steer the vehicle, and only the turn is summed up.
+        """
         if own.bank_turn is None:
             self._turned += remainder(own.heading - self._turned, 2 * pi)
         else:

@@ -36,8 +36,8 @@ BETTER = 0.3
 """Largest ratio of the better model's squared error to that of the other model. Gusts that turn the nose, 0.1 rad/s on
 the emulated vehicles, leave a ratio above 0.5."""
 EVIDENCE = 0.0007
-"""Least integral of the difference of both squared errors, rad^2/s: 0.05 rad/s (3 deg/s) not flown for 2.4 s, or 0.025
-rad/s for 10 s. A bank error of 3 deg is 0.023 rad/s at 22 m/s."""
+"""Least integral of the difference of both models' squared errors, rad^2/s: 0.05 rad/s (3 deg/s) not flown for 2.4 s,
+or 0.025 rad/s for 10 s. A bank error of 3 deg is 0.023 rad/s at 22 m/s."""
 IN_A_ROW = 2
 """Consecutive bins that must agree before the verdict changes."""
 
@@ -45,27 +45,29 @@ SWING_WINDOW, LEAST_SWING_WINDOW = 72, 36
 """Longest and shortest window for a limit cycle, bins: 14.4 s contain four periods of the slowest cycle, 7.2 s four
 periods of 1.8 s."""
 LONGEST_PERIOD = 18
-"""Longest period of a cycle, bins: 3.6 s. On firmware cycles had 1 to 4.6 s, most below 2.5 s. Slower ones look like
-acquisition: the excitation has a period of 6 s, and turns from one hypothesis to the next take 4.4 to 5 s."""
+"""Longest period of a detected limit cycle, bins: 3.6 s. Limit cycles on firmware had periods of 1 to 4.6 s, most of
+them below 2.5 s. Longer periods also occur during the acquisition of the target: its excitation has a period of 6 s,
+and turns from one hypothesis to the next take 4.4 to 5 s."""
 PERIODS = 4.0
-"""Least number of periods in the window: more than the alternating turns of an approach, or gusts that repeat by
-chance."""
+"""Least number of periods in the window. The alternating turns of an approach, and gusts that repeat by chance, have
+fewer periods."""
 LASTS = 5
 """Consecutive bins in which the oscillation must be regular."""
 LEAST_SWING = 0.25
-"""Least RMS of the fast part of an oscillation that counts, in units of the turn-rate limit."""
+"""Least RMS of the fast part of an oscillation that counts as a limit cycle, in units of the turn-rate limit."""
 REPEATS, REVERSES = 0.8, -0.75
 """Autocorrelation of a limit cycle: lower bound after one period, upper bound half a period before. On the emulated
 vehicles, limit cycles have magnitudes of 0.9 and more. Stable loops in gusts of 3 m/s have 0.6, approaches and
 acquisition at most 0.71."""
 LOWERED, LEAST = 0.7, 0.15
-"""Factor on the gains after each limit cycle, and least share of the gains. A vehicle whose own turn loop
-has a damping of 0.06 is quiet at a third of the gains, with 0.05 at 3 rad/s at a sixth. A tenth of the gains did not
-hold a circle of 60 m in wind (71 m off)."""
+"""Factor on the gains after each limit cycle, and least share of the gains. A vehicle whose own turn loop has a damping
+of 0.06 stops oscillating at a third of the gains. With a damping of 0.05 at 3 rad/s it stops at a sixth. A tenth of the
+gains did not hold a circle of 60 m in wind: the vehicle was 71 m off."""
 
 
 class TurnBin(NamedTuple):
-    """Mean turn rates of a bin, rad/s. time: of its end, s. width: its duration, s. predicted: by each candidate."""
+    """Mean turn rates of a bin, rad/s. time: end of the bin, s. width: duration, s. predicted: turn rate predicted by
+    each candidate of the turn response. flown: measured turn rate."""
 
     time: float
     width: float
@@ -81,7 +83,7 @@ class TurnMonitor:
     """
 
     def __init__(self, limit: float) -> None:
-        """limit: of the commanded turn rate, rad/s."""
+        """limit: limit of the commanded turn rate, rad/s."""
         self._limit = limit
         self._bins: deque[TurnBin] = deque(maxlen=max(WINDOWS))
         self._turns: deque[tuple[float, float]] = deque(maxlen=SWING_WINDOW)
@@ -166,7 +168,7 @@ def _swing(turns: Batch) -> tuple[bool, float]:
     if not negative.size:
         return False, size
     peak = int(negative[0]) + int(correlation[negative[0] :].argmax())
-    if peak + 1 >= longest:  # still rising: the period is longer than any cycle's
+    if peak + 1 >= longest:  # still rising: the period is longer than LONGEST_PERIOD
         return False, size
     return bool(correlation[peak] >= REPEATS and correlation[: peak + 1].min() <= REVERSES), size
 

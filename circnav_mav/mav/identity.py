@@ -18,7 +18,7 @@ MOVES_AFTER = 1.5
 """Silence of the vehicle's address, s, after which the vehicle may move to another address. Any message ends the
 silence."""
 PROOF_LASTS = 2.0
-"""Time, s, for which a proof of the vehicle's identity is valid: two heartbeats of PX4."""
+"""Time, s, for which a proof of the vehicle's identity is valid: two heartbeat intervals of PX4."""
 MOST_MISFITS = 16
 """Rejected senders kept for the operator's message: bounds the memory that a hostile link can fill."""
 FLOODED = 3.0
@@ -27,9 +27,10 @@ SECOND_SENDER_KEPT = 5.0
 """Time, s, for which a second sender is reported: longer than heartbeat gaps on a lossy link."""
 UNKNOWN_RATE, UNKNOWN_BURST = 64_000.0, 32_000.0
 """Limits for untrusted senders while the vehicle is connected: bytes per second, and bytes at once. Several other
-vehicles send less. In the worst case they use 2 % of the processor time, and leave the socket to the vehicle."""
+vehicles send less. Untrusted senders at these limits use 2 % of the processor time, and the socket still receives the
+vehicle's frames."""
 VEHICLE_NAME, OUR_NAME, RADIO_NAME = "the vehicle", "circnav", "the ranging radio"
-"""Identities that a second sender may use, in messages to the operator."""
+"""Identities that a second sender may use, as named in messages to the operator."""
 
 
 class Sender(NamedTuple):
@@ -57,16 +58,17 @@ def spelt(source: Hashable) -> str:
 
 @dataclass(frozen=True, slots=True)
 class LinkSettings:
-    """system_id: the vehicle's, None for the first that fits. component_id: our own, 191 to 194."""
+    """system_id: system id of the vehicle, None for the first vehicle that fits the mission. component_id: component id
+    of circnav, 191 to 194."""
 
     system_id: int | None = None
     component_id: int = 191
 
 
 class SecondSenders:
-    """Second senders: they use the identity of a trusted sender from another address.
+    """Second senders: each uses the identity of a trusted sender, but another address.
 
-    The identity is the vehicle's, our own or the ranging radio's.
+    The trusted sender is the vehicle, circnav itself or the ranging radio.
     """
 
     def __init__(self) -> None:
@@ -148,10 +150,11 @@ class Identity:
         return {} if home is None else {one: at for one, at in self.vehicles.items() if one != home.system}
 
     def say_hello(self, source: Hashable, now: float) -> None:
-        """Reply to a sender that cannot be accepted yet, unless the vehicle has another address.
+        """Send circnav's frames to the address of a sender that cannot be accepted yet, unless the vehicle has another
+        address.
 
-        A MAVLink 1 sender may switch to MAVLink 2. A sender whose signing clock is behind (no GPS) adopts
-        our timestamp.
+        These frames may make the sender acceptable. A MAVLink 1 sender may switch to MAVLink 2. A sender whose signing
+        clock is behind, as without GPS, adopts the timestamp of circnav's frames.
         """
         if self._may_be_at(source, now):
             self.reply_to = source

@@ -95,7 +95,8 @@ class Controller:
         return now - self._followed_at <= DOUBTED_AFTER and now - self._slow_at >= SPEED_UP - SAME_TIME
 
     def on_motion(self, own: OwnMotion, nose: OwnMotion) -> None:
-        """Update turn-rate gain, delay and `followed` from the vehicle's heading. nose: motion as reported."""
+        """Update turn-rate gain, delay and `followed` from the vehicle's heading. nose: motion as
+        the autopilot reports it."""
         before = self.answer.command_gain.time
         if not self.answer.on_motion(own, nose):
             return
@@ -112,7 +113,7 @@ class Controller:
         self, phase: Phase, estimate: RangeEstimate | None, round_trip: float | None, now: float
     ) -> TurnCommand | None:
         """Return the turn command: the law's while engaged, the circle's turn rate while holding, else None.
-        round_trip: of the link, s."""
+        round_trip: delay of the link in both directions, s."""
         self.answer.link = min(self._settings.timing.tick if round_trip is None else round_trip, LONGEST_DELAY)
         if phase is Phase.HOLDING:
             return self._loop.hold(estimate, now)
@@ -128,7 +129,8 @@ class Controller:
         # Spacing and other changes have separate timers, so that a fleet never delays the operator.
         changed_at = self._spaced_at if request.spaces else self._changed_at
         if now - changed_at < MIN_INTERVAL - SAME_TIME:
-            return f"{now - changed_at:.2f} s after the last change, wait {MIN_INTERVAL:g} s"
+            ago = f"{now - changed_at:.2f} s ago"
+            return f"the last change of the circle was {ago}: wait until {MIN_INTERVAL:g} s have passed"
         offset, pace = self._spacing
         offset = offset if request.offset is None else request.offset
         pace = pace if request.pace is None else request.pace

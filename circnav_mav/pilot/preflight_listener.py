@@ -26,9 +26,9 @@ from circnav_mav.pilot.settings import VEHICLE, PilotSettings
 TICK = 0.05
 """Time between two steps, s, as in a flight."""
 SETTLE = 2.0
-"""Time, s, for the streams to start after the vehicle was found, before anything is measured."""
+"""Time, s, between finding the vehicle and the begin of the measurement: the requested streams start meanwhile."""
 PARAMETER_PATIENCE = 10.0
-"""Longest extra wait, s, for parameters after the listening time."""
+"""Longest time, s, for which the listener waits for missing parameters after the measurement."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class PreflightListener:
     attributes then hold the received data."""
 
     def __init__(self, settings: PilotSettings, *, seconds: float, signing: Signing | None = None) -> None:
-        """seconds: time of measurement after the vehicle was found, s."""
+        """seconds: duration of the measurement, s. It begins SETTLE seconds after the vehicle was found."""
         self.connection = Connection(settings, signing, also=[dialect.MAVLINK_MSG_ID_PARAM_VALUE])
         self.session = self.connection.session
         self.done, self.next_tick = False, float("-inf")
@@ -62,7 +62,7 @@ class PreflightListener:
         self.rates: list[float] = []
         """Range rates, m/s."""
         self.carriers: Counter[str] = Counter()
-        """Number of ranging messages by sender and marks."""
+        """Number of ranging messages by sender and by their identifying fields."""
         self.height = Height(settings.height)
         self.kind = ""
         """Autopilot and type of the vehicle, human-readable."""
@@ -109,7 +109,7 @@ class PreflightListener:
 
     @property
     def seconds(self) -> float:
-        """Time of measurement, s."""
+        """Duration of the measurement, s; 0 if no vehicle was found."""
         return 0.0 if self._found is None else max(self.end - self._found - SETTLE, 0.0)
 
     @property
@@ -120,7 +120,7 @@ class PreflightListener:
 
     @property
     def boot(self) -> Span | None:
-        """(our time, boot time) of an early and a late message, each with the least delay of its time."""
+        """(circnav's time, time since boot) of the least delayed message in the first and in the last third."""
         return quick_span(self._boots[self.session.vehicle.reboots])
 
     @property

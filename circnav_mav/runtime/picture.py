@@ -145,7 +145,8 @@ class Picture:
         return "".join(cells)
 
     def _sparkline(self, tick: TickRecord, desired: float) -> str:
-        """Return a sparkline of the radius error over at least the last minute: the largest of each cell."""
+        """Return the sparkline of the radius error with its time span and maximum. Each cell shows the largest error of
+        CELL seconds. In the narrowest picture, the line covers the last minute."""
         if tick.r is None:
             return ""
         error, cell = abs(tick.r - desired), int(tick.time / CELL)

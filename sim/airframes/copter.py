@@ -1,4 +1,5 @@
-"""A copter flown by velocity or by attitude: two airframes behind one step."""
+"""Airframe of copters: one model flies velocity setpoints, another one attitude setpoints. Each step uses the model of
+its setpoint."""
 
 import math
 from dataclasses import dataclass
@@ -19,9 +20,9 @@ ARDUPILOT_LEAN_DEG, PX4_LEAN_DEG = 30.0, 45.0  # defaults of ANGLE_MAX and MPC_T
 
 @dataclass(frozen=True)
 class TiltingCopter:
-    """A multicopter flown by attitude: tilt accelerates it until drag balances (4 deg of pitch: 3.7 m/s).
+    """A multicopter flown by attitude setpoints. Its tilt accelerates it until drag balances (4 deg of pitch: 3.7 m/s).
 
-    Drag in 1/s, limit in rad/s.
+    max_turn_rate: rad/s. drag: drag coefficient, 1/s.
     """
 
     max_turn_rate: float
@@ -91,9 +92,9 @@ def _spin(body: Body, demand: Spin, h: float) -> Body:
 
 @dataclass(frozen=True)
 class CopterAirframe:
-    """A copter. `by_velocity` flies velocity demands, `by_attitude` attitude demands.
+    """A copter. by_velocity: model for velocity demands. by_attitude: model for attitude demands.
 
-    carried: velocities in body axes are relative to the air, not to the ground.
+    carried: True if velocities in body axes are relative to the air, False if relative to the ground.
     """
 
     by_velocity: Unicycle | Multicopter | DraggedCopter
@@ -111,7 +112,7 @@ class CopterAirframe:
             return self._through_air(body, demand, dt, wind)
         if isinstance(self.by_velocity, Unicycle):
             return self.by_velocity.step(body, demand, dt)
-        if isinstance(demand, BodyVelocity):  # rotated by the present heading
+        if isinstance(demand, BodyVelocity):  # rotate it by the present heading
             north, east = to_earth(demand.forward, demand.right, body.heading)
             demand = EarthVelocity(north, east, demand.down, demand.yaw_rate)
         return self.by_velocity.step(body, demand, dt, wind)

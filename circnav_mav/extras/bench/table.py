@@ -12,21 +12,22 @@ from circnav_mav.extras.batch.flight import SITUATIONS
 from circnav_mav.runlog.atomic_write import atomic_write
 
 OWN = "auto"
-"""The policy with its own table of all figures."""
+"""Law with a separate table that has all figures."""
 LOST = 300.0
-"""RMS error of the median flight from which on a cell is reported as "lost", m."""
+"""Smallest median RMS radius error, m, that the tables give as "lost"."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
     """One law in one situation. Lengths in m, times in s; p95: 95th percentile over the flights.
 
-    rms, peak: RMS and largest radius error over the last 100 s. settled10, settled2: last exit from ±10 % and ±2 %,
-    divided by the Dubins time to the tangent point, for starts outside 1.3 r_d. closest: 1st percentile of the closest
-    approach, for starts outside. wrong_way: flights that swept at least a quarter turn the wrong way. turn_*: medians
-    of the figures of the command over the last 100 s. limit_cycles: flights with a limit cycle (see `TurnFigures`).
-    range_rmse, rate_rmse: RMS error of the estimates over the last 100 s, m and m/s. nees_in_band: fraction of steps
-    with the NEES of (r, theta) in its 95 % band.
+    kept: flights that kept the circle. rms, peak: RMS and largest radius error over the last 100 s. settled10,
+    settled2: time of the last exit from ±10 % and ±2 % of the radius, divided by the Dubins time to the tangent point,
+    for starts outside 1.3 r_d. closest_outside: 1st percentile of the closest approach to the target, for starts
+    outside. wrong_way: flights that swept at least a quarter turn the wrong way. turn_*: medians of the figures of the
+    turn command over the last 100 s. limit_cycles: flights with a limit cycle (see `TurnFigures`). range_rmse,
+    rate_rmse: RMS error of the estimated range (m) and range rate (m/s) over the last 100 s. nees_mean: mean normalized
+    estimation error squared (NEES) of (r, theta). nees_in_band: fraction of steps with this NEES in its 95 % band.
     """
 
     situation: str
@@ -84,7 +85,7 @@ def write_csv(cells: list[Cell], path: Path) -> None:
 
 COLUMNS: dict[str, Callable[[Cell], str]] = {
     "situation": lambda cell: cell.situation,
-    "kept": lambda cell: f"{cell.kept} of {cell.flights}",
+    "flights that kept the circle": lambda cell: f"{cell.kept} of {cell.flights}",
     "RMS radius error, m: median / 95th percentile / worst; median peak": lambda cell: (
         f"**{cell.rms_median:.3f}** / {cell.rms_p95:.3f} / {cell.rms_max:.2f}; {cell.peak_median:.2f}"
     ),
@@ -101,9 +102,13 @@ COLUMNS: dict[str, Callable[[Cell], str]] = {
         f"{cell.turn_std_deg_s:.1f} / {100 * cell.turn_at_limit:.0f} % / {cell.turn_variation_rad_s2:.2f}"
     ),
     "limit cycles": lambda cell: f"{cell.limit_cycles}",
-    "closest (1st pct., starts outside), m": lambda cell: f"{cell.closest_outside:.0f}",
-    "r' RMSE, m/s": lambda cell: f"{cell.rate_rmse:.3f}",
-    "mean NEES / in 95 % band": lambda cell: f"{cell.nees_mean:.1f} / {100 * cell.nees_in_band:.0f} %",
+    "closest approach to the target, m: 1st percentile of the starts outside": lambda cell: (
+        f"{cell.closest_outside:.0f}"
+    ),
+    "RMS error of the range rate, m/s": lambda cell: f"{cell.rate_rmse:.3f}",
+    "NEES (squared estimation error over its variance): mean / share of steps in the 95 % band": lambda cell: (
+        f"{cell.nees_mean:.1f} / {100 * cell.nees_in_band:.0f} %"
+    ),
 }
 """Columns of the table of OWN."""
 
@@ -111,8 +116,8 @@ COLUMNS: dict[str, Callable[[Cell], str]] = {
 def markdown(cells: Sequence[Cell]) -> str:
     """Return the table of `auto`, then that of the other laws, as far as they were flown.
 
-    A cell of the second table has the median RMS radius error, the kept flights in brackets unless all were kept, and
-    the standard deviation of the turn command.
+    A cell of the second table has the median RMS radius error, the number of flights that kept the circle (in brackets,
+    unless all kept it), and the standard deviation of the turn command.
     """
     own, others = ([cell for cell in cells if (cell.policy == OWN) is mine] for mine in (True, False))
     tables = [_table(tuple(COLUMNS), [[text(cell) for text in COLUMNS.values()] for cell in own])] if own else []
@@ -132,7 +137,8 @@ def median_or_lost(cell: Cell) -> str:
 
 
 def draw(cells: Sequence[Cell], path: Path) -> None:
-    """Draw the table: median RMS error as color, kept flights as text. Rows are situations, columns laws."""
+    """Draw the table: color by median RMS error, text with error and share of flights that kept the circle. Rows are
+    situations, columns are laws."""
     from matplotlib.colors import LogNorm  # the workers do not need matplotlib
     from matplotlib.figure import Figure
 
@@ -146,12 +152,12 @@ def draw(cells: Sequence[Cell], path: Path) -> None:
     for cell in cells:
         i, j = rows.index(cell.situation), columns.index(cell.policy)
         values[i, j] = max(cell.rms_median, 1e-3)
-        kept = "" if cell.kept == cell.flights else f"\n{100 * cell.kept / cell.flights:.0f} % kept"
+        kept = "" if cell.kept == cell.flights else f"\ncircle kept: {100 * cell.kept / cell.flights:.0f} %"
         axes.text(j, i, median_or_lost(cell) + kept, ha="center", va="center", fontsize=7)
     image = axes.imshow(values, norm=LogNorm(0.05, 50), cmap="RdYlGn_r", aspect="auto")
     axes.set_xticks(range(len(columns)), columns, rotation=35, ha="right", fontsize=8)
     axes.set_yticks(range(len(rows)), rows, fontsize=8)
-    axes.set_title(f"Median RMS radius error, m, last 100 of 400 s, {cells[0].flights} flights a cell", fontsize=9)
+    axes.set_title(f"Median RMS radius error, m, last 100 of 400 s, {cells[0].flights} flights per cell", fontsize=9)
     figure.colorbar(image, ax=axes, label="m")
     save(figure, path, dpi=130)
 

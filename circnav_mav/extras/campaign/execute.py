@@ -18,13 +18,14 @@ Done = Collection[int]
 Rows = Generator[list[Row], None, None]
 Part = tuple[list[Row], list[int]]
 SERVER_FIRST = ("", "tcp")
-"""Schemes of addresses with which the scheduler sends first."""
+"""Schemes of addresses at which a Dask scheduler sends the first byte. At the others it waits for the client."""
 SCHEMES = (*SERVER_FIRST, "tls", "ws", "wss")
 CONNECT_TIMEOUT = 5.0
-"""Time within which a scheduler has to answer, s."""
+"""Time, s, within which a scheduler must accept the connection and answer."""
 
 AHEAD = 1000
-"""Number of jobs submitted at once: more than a cluster has workers, and few enough for the memory."""
+"""Largest number of jobs that are submitted and not finished: more than a cluster has workers, and few enough for the
+memory."""
 
 
 def cores() -> int:

@@ -29,11 +29,13 @@ REPORTABLE_SIGMA = {
     "ranging_beacon": (1e-3, np.inf),
     "named_value_float": (np.inf, 0.0),
 }
-"""Least and largest standard deviation that a message can carry, m. Outside, the value of the mission is used."""
+"""Least and largest standard deviation that a message can carry, m. Outside of these bounds, the standard
+deviation of the mission is used."""
 
 
 def emulated_world(runs: Sequence[Run]) -> World:
-    """Return vehicles, winds and targets. A copter that holds its speed over the ground does not drift in wind."""
+    """Return vehicles, winds and targets. The wind carries vehicles with the dynamics "airborne". Vehicles with the
+    dynamics "unicycle" hold their speed over the ground and do not drift."""
     bodies = [starting_body(run.vehicle, (0.0, 0.0)) for run in runs]
     winds, targets = [run.vehicle.wind for run in runs], [run.vehicle.target for run in runs]
     towards = _array(heading_enu_from_yaw_ned(radians(wind.from_deg) + pi) for wind in winds)
@@ -199,7 +201,8 @@ def time_step(run: Run) -> float:
 
 
 def fly_batch(runs: Sequence[Run]) -> list[FlightResult] | None:
-    """Fly runs of the same group. Return their results in order; None if a lockstep flight does not engage."""
+    """Fly runs of the same group. Return their results in order; None if the lockstep flight for the times of
+    engagement does not engage."""
     begins = engagement_times(runs[0])
     if begins is None:
         return None

@@ -248,7 +248,7 @@ class UdpPort:
 
     def _explain(self, error: OSError) -> str:
         where = "peers" if self._peers else f"{MULTICAST} on {self._interface or 'the default interface'}"
-        return f"no reports to or from {where}: {explain(error)}"
+        return f"reports can be neither sent to nor received from {where}: {explain(error)}"
 
 
 class LocalNetwork:

@@ -175,17 +175,17 @@ def _show(found: FleetFigures, radius: float, members: Sequence[dict[str, Any]])
         return unknown if value is None else f"{value:.1f} {unit}"
 
     say(f"FLEET of {found.members} on {radius:g} m")
-    say(f"  on circle   all after {shown(found.all_on_circle_s, 's', 'never')}")
-    say(f"  even        within 5 deg {shown(found.even_after_s, 's later', 'never')}")
+    say(f"  on circle   {shown(found.all_on_circle_s, 's until every member was on it', 'never all members')}")
+    say(f"  even        {shown(found.even_after_s, 's later, all gaps within 5 deg', 'never all gaps within 5 deg')}")
     worst = found.worst_gap_deg if found.even_after_s is not None else None
-    say(f"  worst gap   {shown(worst, 'deg rms', 'unknown: never even')}")
-    kept = "unknown: never all on the circle"
+    say(f"  worst gap   {shown(worst, 'deg rms off even spacing', 'unknown: the spacing was never even')}")
+    kept = "unknown: the members were never all on the circle"
     if found.radius_rms_m is not None and found.radius_spread_m is not None:
-        kept = f"{found.radius_rms_m:.1f} m rms, {found.radius_spread_m:.1f} m around the mean of each member"
+        kept = f"{found.radius_rms_m:.1f} m rms error, {found.radius_spread_m:.1f} m rms about each member's mean"
     say(f"  radius      {kept}")
     flat, up = shown(found.smallest_horizontal_m, "m"), shown(found.smallest_vertical_m, "m")
     say(f"  separation  {flat} horizontally, {up} vertically")
-    say(f"  too near    {found.too_near} pairs (within 10 m vertically and 25 m horizontally)")
+    say(f"  too near    {found.too_near} pairs of members (within 10 m vertically and 25 m horizontally)")
     say("  member  end                          alarms  reports accepted, rejected")
     for one in members:
         link = one["link"]

@@ -56,8 +56,8 @@ def layer_lines(heights: Mapping[int, float], layer: float) -> list[str]:
     distance of the layers, m."""
     known = sorted((member, height) for member, height in heights.items() if isfinite(height))
     return [
-        f"fleet: members {one} and {other} are {abs(a - b):.0f} m apart in height, layers are {layer:g} m apart:"
-        " change the height of one"
+        f"fleet: members {one} and {other} are {abs(a - b):.0f} m apart in height, but the height layers are"
+        f" {layer:g} m apart: change the height of one member"
         for i, (one, a) in enumerate(known)
         for other, b in known[i + 1 :]
         if abs(a - b) < LAYER_SHARE * layer
@@ -68,7 +68,8 @@ def fleet_line(found: Mapping[str, Any]) -> str:
     """Return the line of the verdict from the fleet's part of the summary."""
     even = "not even within 5 deg for 20 s"
     if found["even_after_s"] is not None:
-        even = f"even {found['even_after_s']:.0f} s after it entered, worst gap {found['worst_gap_deg']:.1f} deg rms"
+        worst = f"worst gap off by {found['worst_gap_deg']:.1f} deg rms"
+        even = f"even {found['even_after_s']:.0f} s after it entered, {worst}"
     layer = "" if found["nearest_layer_m"] is None else f", nearest in height {found['nearest_layer_m']:.0f} m"
     return f"  fleet      id {found['id']}, {len(found['members'])} members, {even}{layer}"
 

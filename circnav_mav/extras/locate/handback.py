@@ -19,14 +19,14 @@ from circnav_mav.mav.commands import RESULT_NAMES
 
 RECEIVERS = ("GPS_RAW_INT", "GPS2_RAW")
 FIX_3D, SILENT = 3, 3.0
-"""Smallest fix_type with a 3D position, and age, s, after which a report is ignored."""
+"""Smallest fix_type of a 3D position. Age of a report, s, above which the report is ignored."""
 FUSES = {
     "EKF_STATUS_REPORT": dialect.EKF_POS_HORIZ_ABS,
     "ESTIMATOR_STATUS": dialect.ESTIMATOR_PRED_POS_HORIZ_ABS,
 }
 """Estimator flag that an absolute position is fused, by message. ArduPilot clears it 10 s after the last GPS, vision or
 beacon measurement (NavEKF3's posTimeout), and a handed-back position does not set it. PX4 keeps its absolute flag set
-in dead reckoning by airspeed. Its predicted flag needs GNSS or an auxiliary position and is cleared after 7 s."""
+in dead reckoning by airspeed. PX4's predicted flag needs GNSS or an auxiliary position and is cleared after 7 s."""
 REPORTS = {
     "ardupilot": dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
     "px4": dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
@@ -44,16 +44,17 @@ LOOK_AFTER, EFFECT, MOST_WITHOUT = 0.5, 30.0, 3
 """Effect of a position on the autopilot: time of the check after acceptance, s; distance between sent and reported
 position, m, from which it had no effect; consecutive positions without effect after which the hand-back stops."""
 LEAST_SIGMA, MOST_SIGMA = 1.0, 300.0
-"""Smallest standard deviation sent, m: PX4 makes a hard reset below it. Largest one for which a position is still sent,
-m: the position of an autopilot without hand-back was several km off."""
+"""Smallest standard deviation that is sent, m: with a smaller one, PX4 makes a hard reset. Largest standard deviation
+with which a position is still sent, m: without hand-back, the autopilot's own position was several km off."""
 MOST_GIVEN = 10_000
 """Number of newest positions kept for handback.csv: 2.7 hours at 1 Hz."""
 PLACE_SIGMA = 15.0
-"""Largest standard deviation of the beacon's place, m, for which positions are derived from the place; chosen."""
+"""Largest standard deviation of the target's place, m, with which the vehicle's position is computed from this place
+and the ranges. With a larger one, dead reckoning continues. Chosen."""
 COMPASS_SIGMA = 0.03
-"""Standard deviation of the compass bias, rad, once it is estimated. Before that it is three times larger."""
+"""Standard deviation of the estimated compass bias, rad. Before the bias is estimated, it is three times larger."""
 WIND_SIGMA, STRAYS = 0.3, 0.6
-"""Velocity error of dead reckoning, m/s: of the wind alone; including gusts and the error of the airspeed."""
+"""Velocity errors of dead reckoning, m/s: the error of the wind alone, and the error of wind, gusts and airspeed."""
 WIND_MEMORY, SCALE_MEMORY = 40.0, 300.0
 """Averaging times, s, of the wind (about a lap) and of the airspeed scale, which hardly changes. The unfiltered drift
 contains gusts and sideslip: an error of 0.7 m/s put a plane 190 m off on its way home."""

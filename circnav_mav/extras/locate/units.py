@@ -9,13 +9,15 @@ from circnav_mav.extras.locate.logs.interface import METERS, UNITS
 from circnav_mav.extras.locate.place import Place, Plane
 
 FACTORS = {**{unit: METERS[unit] for unit in UNITS}, **{f"{factor:g}": factor for factor in (0.5, 2.0, 10.0, 100.0)}}
-"""Units to try, and factors of a radio whose mode differs from the driver's: round trip, cm instead of mm."""
+"""Factors to try, by name: meters per unit, and factors of a radio in another mode than its driver assumes, such as
+round-trip distances or cm instead of mm."""
 TRIED = 120
 """Number of ranges used for each unit."""
 FITS = 0.005
-"""Noise over range up to which meters are accepted. A wrong unit leaves more noise, except on a perfect circle."""
+"""Largest noise, as a share of the range, with which meters are accepted. A wrong unit leaves more noise, except on a
+perfect circle."""
 BETTER = 0.5
-"""Largest noise in another unit, as a share of the noise in meters, for which that unit is reported."""
+"""Largest noise in another unit, as a share of the noise in meters, with which the other unit is reported."""
 ALIKE = 1.25
 """Ratio to the smallest noise up to which units fit equally well."""
 SLACK = 10.0
@@ -72,7 +74,7 @@ def better_unit(
 
 
 def _tried(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, factor: float) -> Place | None:
-    """Return the place for one unit, or None."""
+    """Return the place for ranges in one unit, or None if no place fits. factor: meters per unit."""
     r = ranges.r * factor
     # No place fits if the track is larger than twice the largest range, or if the range changes by more than the extent
     # of the track.
@@ -80,6 +82,7 @@ def _tried(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, factor:
     if 2 * r.max() < extent / 2**0.5 - SLACK or np.ptp(np.percentile(r, [5, 95])) > extent + SLACK:
         return None
     sigma = np.full(len(r), max(0.01 * float(np.median(r)), 0.01))
-    # Keep the scale of the radio fixed: a free scale would fit the wrong unit.
+    # Call `_locate` instead of `locate`, which may also estimate the scale of the radio. With an estimated scale, the
+    # ranges would fit equally well in every unit.
     found = _locate(plane, track, Ranges(ranges.time, r, sigma), replace(known, sigma_known=False), None)
     return found if isinstance(found, Place) and not found.moves else None

@@ -23,10 +23,10 @@ RANGE_FLOOR, SPEED_FLOOR, BEARING_FLOOR = 6.0, 4.0, 0.2
 PATIENCE = 2.0
 """Time, s, for which a comparison must fail before an alarm."""
 WIND_MEMORY = 20.0
-"""Time constant, s, of the averages of wind and gusts. The averages are used this time after the first estimate of the
-wind. Chosen, shorter than a lap."""
+"""Time constant, s, of the averages of wind and gusts. The velocity comparison begins this long after the first
+estimate of the wind. Chosen, shorter than a lap."""
 RECENT = 30.0
-"""Time, s, after a failed velocity comparison for which a range error is attributed to the GPS."""
+"""Time, s, after a failed velocity comparison. A range error within this time is attributed to the GPS."""
 CALM = 10.0
 """Time, s, without a disagreement after which the alarm ends."""
 
@@ -60,7 +60,7 @@ class GpsWatch:
         self.fault: FaultSource | None = None
         """Most likely faulty source now, None without a disagreement."""
         self.alarm = ""
-        """Human-readable description of a lasting disagreement, or empty."""
+        """Human-readable description of a lasting disagreement. Empty without one."""
         self._looks: deque[Observation] = deque()
         self._wind: complex | None = None
         """Wind, m/s, east + j north."""
@@ -70,7 +70,7 @@ class GpsWatch:
         self._way_failed_at = float("-inf")
         self._calm_since: float | None = None
         self.reported: list[tuple[float, str]] = []
-        """Alarms so far: begin, s, and first text of each."""
+        """All alarms so far: start time, s, and first text of each alarm."""
 
     @property
     def trusts_positions(self) -> bool:
@@ -123,7 +123,8 @@ class GpsWatch:
                 self.fault, self.alarm = None, ""
             return
         self._calm_since = None
-        # A jump of the position fails the velocity comparison only once. Attribute range errors to the GPS for a while.
+        # After a jump of the GPS position, the velocity comparison fails only once, but the range comparison goes on
+        # failing. Attribute range errors to the GPS for a while.
         jumped = look.time - self._way_failed_at < RECENT or self.fault is FaultSource.GPS
         by_range = FaultSource.GPS if jumped else FaultSource.BEACON
         fault = by_range if "range" in lasting else FaultSource.COMPASS

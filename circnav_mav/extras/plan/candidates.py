@@ -22,7 +22,7 @@ from circnav_mav.mission.mission import Mission
 CIRCLES = 7
 """Number of candidates; chosen."""
 WIDEST = 6.0
-"""Largest radius of the candidates, in units of the smallest, if the site does not limit the radius."""
+"""Largest radius of the candidates, as a multiple of the smallest one, if the site does not limit the radius."""
 GUSTS = 2.0
 """Gusts, in standard deviations, that are added to the wind."""
 MOST_USED = 0.9
@@ -33,7 +33,8 @@ JUDGED = frozenset({"gain", "turn rate", "drift", "margin", "reach", "height", "
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """Conditions of a plan. smallest, largest: radii, m. wind, gusts (RMS per axis): m/s. laps: of the survey."""
+    """Conditions of a plan. smallest, largest: bounds of the radius, m. wind: m/s. gusts: RMS per axis, m/s. laps:
+    number of laps of the survey."""
 
     smallest: float
     largest: float
@@ -49,9 +50,13 @@ class Site:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A circle. bank: mean bank or lean, deg, None for a rover. turn: turn rate in still air, deg/s. used: share of the
-    vehicle's turn rate at the most downwind point. most_wind: m/s, None if the autopilot compensates the wind. lap,
-    flight: s. rms, place: m; place is None without a survey. problems: subjects of check lines that do not pass.
+    """A circle and its expected figures.
+
+    radius: m. speed: m/s. bank: mean bank of a plane or lean of a copter, deg, None for a rover. turn: turn rate in
+    still air, deg/s. used: turn rate needed at the most downwind point, as a share of the vehicle's turn rate.
+    most_wind: largest wind for this circle, m/s, None if the autopilot compensates the wind. lap: duration of a lap, s.
+    flight: duration of approach and survey, s. rms: RMS of the radius error, m. place: standard deviation of the
+    beacon's place, m, None without a survey. problems: subjects of the check lines that do not pass.
     """
 
     radius: float
@@ -72,18 +77,21 @@ class Candidate:
 
 
 def smallest_radius(mission: Mission, wind: float) -> float:
-    """Return the smallest radius by turn rate and wind, m: V/r within TURN_USED of the turn rate, and the circle needs
-    MOST_USED of it in this wind."""
+    """Return the smallest radius, m, that the vehicle's turn rate permits.
+
+    In still air the circle needs at most the share TURN_USED of the turn rate, in this wind at most MOST_USED.
+    """
     orbit = mission.orbit
     able = orbit.max_turn_rate * mission.least_turn_gain
     return max(orbit.speed / (TURN_USED * able), (orbit.speed + wind) ** 2 / (MOST_USED * orbit.speed * able))
 
 
 def radii(least: float, site: Site) -> Sequence[float]:
-    """Return the radii of the candidates, rounded up to meters."""
+    """Return the radii of the candidates, m, rounded up to whole meters."""
     low = max(least, site.smallest)
     high = min(site.largest, ceil(WIDEST * low))
-    # The smallest radius that fits is kept even if it is rounded beyond the largest one.
+    # A radius that would be rounded up above the largest radius becomes the largest radius. So at least one candidate
+    # remains if the smallest and the largest radius are less than a meter apart.
     return sorted({min(float(ceil(one)), high) for one in np.geomspace(low, max(high, low), CIRCLES)})
 
 

@@ -90,7 +90,9 @@ def _radii(start: Mission, site: Site) -> list[float]:
     if site.smallest > site.largest:
         raise Refused(f"plan: --smallest {site.smallest:g} m is larger than --largest {site.largest:g} m")
     if wind >= V:
-        raise Refused(f"plan: {wind:.1f} m/s of wind with gusts reach the speed of {V:g} m/s: fly faster")
+        raise Refused(
+            f"plan: the wind with gusts, {wind:.1f} m/s, is not below the vehicle's speed of {V:g} m/s: raise --speed"
+        )
     if least > site.largest:
         raise Refused(
             f"plan: --largest {site.largest:g} m is too small: at {V:g} m/s in {wind:.1f} m/s of wind with gusts the "
@@ -109,8 +111,10 @@ def table(start: Mission, site: Site, found: list[Candidate], best: Candidate) -
                 f"{start.file.vehicle.kind} at {speed:g} m/s, wind {site.wind:g} m/s, gusts {site.gusts:.2g} m/s, "
                 f"ranges of {ranging.sigma_m:g} m at {ranging.rate_hz:g} Hz"
             )
+            laps = f"{site.laps:g} laps"
+            yield f"place: standard deviation after {laps}; flight: approach and {laps}"
             yield "  radius   lap  bank   turn  used  wind to   RMS  place  flight  checks"
-            yield f"       m     s   deg  deg/s     %      m/s     m      m     min  after {site.laps:g} laps"
+            yield "       m     s   deg  deg/s     %      m/s     m      m     min"
         yield _row(one, best)
 
 

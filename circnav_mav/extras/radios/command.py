@@ -20,7 +20,7 @@ PERIOD, SPAN = 1.0, 10.0
 MOST_KEPT, MOST_BEACONS = 20_000, 32
 """Largest numbers of ranges per beacon and of beacons. They bound the memory: the link is not authenticated."""
 FEW = 5
-"""Smallest number of ranges for scatter and clock."""
+"""Smallest number of ranges for which scatter, outliers, and speed and jitter of the radio's clock are computed."""
 OUTLIER = 5.0
 """Residual, in standard deviations, from which a range is an outlier: the default of the mission's gate."""
 
@@ -87,7 +87,7 @@ def _describe(beacon: int, ranges: list[ReceivedRange], now: float) -> str:
 
 
 def _clock(ranges: list[ReceivedRange]) -> str:
-    """Return the speed of the radio's clock and the jitter of the ranges, as text."""
+    """Return the speed of the radio's clock and the jitter of the arrival times, as text."""
     if all(one.stamp == one.arrival for one in ranges):
         return "no clock"
     span = quick_span([(one.arrival, one.stamp) for one in ranges])

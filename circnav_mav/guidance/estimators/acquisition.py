@@ -60,7 +60,11 @@ class Prior:
         return np.array([0.0, 0.0, self.dx, self.dy, self.scale])
 
     def information(self, x: Batch) -> Batch:
-        """Return the least-squares weights of the deviations of hypotheses x (..., 5) from the prior."""
+        """Return the inverse variances of the prior for hypotheses x (..., 5), as an array with the shape of x.
+
+        Position: 0, because the prior has no position. Drift: the inverse variance of the normal distribution whose
+        log density has the same slope at x as that of the Cauchy distribution. Airspeed scale: kappa^-2.
+        """
         of_drift = 2 / (self.drift**2 + self._apart(x))
         none = np.zeros_like(of_drift)
         return np.stack([none, none, of_drift, of_drift, none + self.kappa**-2], axis=-1)
@@ -86,7 +90,8 @@ class Candidates(NamedTuple):
 
 
 class Acquisition:
-    """Searches for the target of B flights, run while a flight has no solution. The window covers all flights."""
+    """Searches for the targets of B flights. The search of a flight runs until it has a solution. The window stores the
+    ranges of all flights."""
 
     def __init__(self, settings: EstimatorSettings, flights: int, known: Prior | None = None) -> None:
         """known: prior of drift and airspeed scale, common to all flights."""
@@ -153,8 +158,10 @@ class Acquisition:
         return at[found], x[found].T, np.moveaxis(P[found], 0, -1)
 
     def most_likely_states(self) -> Batch:
-        """Return the most likely hypothesis of each search, predicted to now, (5, n). It is not confirmed: good enough
-        to try, not to trust."""
+        """Return the most likely hypothesis of each search, predicted to now, (5, n).
+
+        These hypotheses are unconfirmed: a law may fly them on trial, but must not trust them.
+        """
         then, path = self._advanced
         x = self._candidates.x[np.arange(self.at.size), self.most_likely].T
         step = (self._window.path - path)[:, self.at]

@@ -29,8 +29,8 @@ def _guided_options(value: float, context: Context) -> Verdict:
     bits = int(value)
     if bits & (1 << 4 | 1 << 5):
         return WARN, "bits 4 and 5 disable the position and velocity controllers: the copter may not hold the speed"
-    yaw = "ignored" if bits & 1 << 2 else "not ignored: do not move the stick"
-    return PASS, f"velocity is held; the pilot's yaw stick is {yaw}"
+    yaw = "ignores the pilot's yaw stick" if bits & 1 << 2 else "follows the pilot's yaw stick: do not move it"
+    return PASS, f"the copter holds the commanded velocity, and {yaw}"
 
 
 def _acceleration(value: float, context: Context) -> Verdict:
@@ -40,15 +40,15 @@ def _acceleration(value: float, context: Context) -> Verdict:
     limit of 30 deg/s after 14 to 31 s.
     """
     asked = radians(context.max_turn_rate_deg) * context.speed
-    words = f"turns at the mission's limit need {asked:.1f} m/s^2"
+    words = f"turns at the mission's turn-rate limit need {asked:.1f} m/s^2"
     if asked <= FOLLOWED * value:
-        return PASS, f"{words}: the path follows"
+        return PASS, f"{words}: the copter reaches this"
     enough = floor(degrees(FOLLOWED * value / context.speed))
-    return WARN, f"{words}, more than the copter flies: lower vehicle.max_turn_rate_deg_s to {enough} to settle sooner"
+    return WARN, f"{words}, the copter reaches less: lower vehicle.max_turn_rate_deg_s to {enough} to settle sooner"
 
 
 def _enough_acceleration(context: Context) -> float:
-    """Return the firmware's default of 2.5 m/s^2, or the acceleration of turns at the mission's limit if larger."""
+    """Return the larger of the firmware's default of 2.5 m/s^2 and the acceleration of turns at the turn-rate limit."""
     asked = radians(context.max_turn_rate_deg) * context.speed
     return float(max(ArduCopter.acceleration_limit[1], ceil(10 * asked / FOLLOWED) / 10))
 

@@ -21,13 +21,13 @@ PLAUSIBLE_AIRSPEED = (0.5, 1.6)
 """Plausible measured airspeed, as shares of the commanded one. Outside of them the sensor is faulty (a blocked pitot
 tube), and bank and thrust computed from it would be wrong for the whole flight."""
 TRUSTED_AGAIN = (0.6, 1.5)
-"""Shares between which a rejected sensor is used again. The hysteresis prevents steps of thrust and bank when noise
-crosses the bound."""
+"""Measured airspeed, as shares of the commanded one, with which a rejected sensor is used again. The hysteresis
+prevents steps of thrust and bank when noise crosses the bound."""
 FULL_STICK = 50.0
 """Bank at full stick, deg: the default of PX4's FW_R_LIM."""
 FOLLOWED = 1.1
-"""Largest followed ratio of the requested acceleration to the acceleration limit. In flight, ArduCopter followed 1.05.
-"""
+"""Largest ratio of the requested acceleration to the acceleration limit that the vehicle still follows. In flight,
+ArduCopter followed 1.05."""
 STANDING = 0.3
 """Speed, m/s, below which a reported velocity has no direction."""
 VELOCITY_IGNORED = dialect.POSITION_TARGET_TYPEMASK_VX_IGNORE | dialect.POSITION_TARGET_TYPEMASK_AX_IGNORE
@@ -121,15 +121,16 @@ class Autopilot(ABC):
     cruises: ClassVar[bool] = False
     """True if the autopilot holds the airspeed of its own parameter and ignores the mission's."""
     ground_speed_sigma: ClassVar[float | None] = None
-    """Standard deviation of the ground speed, as a share of the commanded speed. None if the wind moves the vehicle."""
+    """Standard deviation of the ground speed, as a share of the commanded speed. None if the vehicle drifts
+    with the wind."""
     velocity_loop: ClassVar[VelocityLoop | None] = None
     """Gains of the autopilot's velocity loop, for the lag of the velocity; None if the vehicle flies along its nose."""
     least_turn_gain: ClassVar[float] = 1.0
-    """Least expected ratio of realized to commanded turn rate."""
+    """Smallest expected ratio of realized to commanded turn rate."""
     acceleration_limit: ClassVar[tuple[str, float] | None] = None
     """Parameter that limits the acceleration across the path, and its default, m/s^2; None without such a limit."""
     echo: ClassVar[int | None] = None
-    """Id of the message that reports the setpoint in use, or None."""
+    """Id of the message in which the autopilot reports the setpoint that it uses, or None."""
 
     def __init__(self, facts: VehicleFacts) -> None:
         self._facts = facts
@@ -161,7 +162,8 @@ class Autopilot(ABC):
         return self.setpoint(Steer(YawRate(0.0), 0.0), to, now)
 
     def airspeed(self, measured: float | None) -> float:
-        """Return the indicated airspeed to use, m/s: the measured one, or the commanded one if that is implausible.
+        """Return the indicated airspeed to use, m/s: the measured one, or the commanded one if the measured
+        one is implausible.
 
         Repeated calls with the same measurement give the same result.
         """

@@ -20,13 +20,13 @@ from circnav_mav.mav.setpoint_guard import MAX_CLIMB, Steer
 
 _yaw_rate_limit = at_least(
     lambda mission: mission.max_turn_rate_deg,
-    "not below the mission's limit of {:g} deg/s",
-    "below the mission's limit of {:g} deg/s, so the vehicle turns slower: lower vehicle.max_turn_rate_deg_s",
+    "at least the mission's turn-rate limit of {:g} deg/s",
+    "below the mission's turn-rate limit of {:g} deg/s, so the vehicle turns slower: lower vehicle.max_turn_rate_deg_s",
 )
 
 
 def _enough_yaw_rate(context: Context) -> float:
-    """Return the larger of the firmware's default of 200 deg/s and the mission's limit."""
+    """Return the larger of the firmware's default of 200 deg/s and the mission's turn-rate limit."""
     return max(200.0, context.max_turn_rate_deg)
 
 
@@ -38,7 +38,7 @@ class PX4Copter(PX4Vehicle):
     """OFFBOARD (6): body velocity and yaw rate. circnav holds the height by the climb rate.
 
     SET_POSITION_TARGET_LOCAL_NED, frame BODY_NED (8; PX4 drops 7, 9, 12 and 20), mask 0x407: all three velocities and
-    accelerations must be used, because masking one masks all three of its kind. Without feed-forward acceleration the
+    accelerations must be used, because one mask bit masks all three of its kind. Without feed-forward acceleration the
     ground speed drops and the course lags the nose by 10 to 40 degrees (guidance.velocity_loop). vz = 0 does not hold
     height (drift of 15 m), so vz = gain (altitude - height), down positive. The turn rate is accurate to 1 %. Without
     setpoints for COM_OF_LOSS_T (1 s): failsafe, RTL without RC.

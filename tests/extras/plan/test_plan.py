@@ -36,7 +36,7 @@ def test_the_recommended_mission_passes_check_and_the_table_fits_a_terminal(vehi
     "options, words",
     [
         (("--largest", "40"), "smallest radius is"),
-        (("--wind", "30"), "fly faster"),
+        (("--wind", "30"), "raise --speed"),
         (("--smallest", "300", "--largest", "200"), "larger than --largest"),
     ],
 )
