@@ -13,6 +13,7 @@ from dataclasses import replace
 from pymavlink.dialects.v20.all import MAV_SEVERITY_NOTICE, MAV_SEVERITY_WARNING
 
 from circnav_mav.guidance.circle_change import CircleRequest
+from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, TurnCommand
 from circnav_mav.guidance.watches import DriftAlarm, breach, watch_drift
 from circnav_mav.mav.clocks import UNANSWERED
@@ -192,7 +193,7 @@ class Pilot:
             send(rest)
         record = tick_record(
             now, phase, estimate, command, yaw_rate if was_sent else None, desired=desired, session=self.session,
-            tracker=self.tracker, controller=self.controller, law=self.settings.tuning.law,
+            tracker=self.tracker, controller=self.controller, law=self.controller.law,
         )  # fmt: skip
         self._records.append(record)
 
@@ -360,7 +361,7 @@ class Pilot:
         """Update the table of conditions and its inputs."""
         tracker, controller = self.tracker, self.controller
         self.drift_alarm = watch_drift(self.drift_alarm, estimate, controller.orbit, controller.answer.most)
-        if command is not None and command.flies:
+        if command is not None and (command.flies or not LAWS[controller.law].flies_relative_motion):
             self.law, self.why = command.flies, command.why
         self._silent_at = now if self.session.heartbeat_age(now) > SILENT else self._silent_at
         if now - self._silent_at > REPORTS_AFTER:

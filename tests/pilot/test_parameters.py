@@ -68,7 +68,7 @@ def test_direction_and_law_are_set_by_their_numbers(flying):
     after(flying, setting("CN_DIRECTION", -1.0))
     after(flying, setting("CN_LAW", 2.0))
     assert flying.pilot.controller.orbit.direction is Direction.COUNTERCLOCKWISE
-    assert flying.pilot.controller.law == "bounded"
+    assert flying.pilot.controller.law == flying.pilot.take_records()[-1].law == "bounded"
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator
-from math import degrees, floor, inf
+from math import degrees, floor, inf, isfinite
 from pathlib import Path
 
 from circnav_mav.cli.bundled import bundled
@@ -51,6 +51,9 @@ def print_plan(
     for line in table(start, site, found, best):
         say(line)
     say(f"Recommended: {best.radius:g} m at {best.speed:g} m/s: {reason}.")
+    if _limited(start):
+        rate = f"vehicle.max_turn_rate_deg_s = {start.file.vehicle.max_turn_rate_deg_s:g}"
+        say(f"{rate}: at this speed the autopilot's default acceleration limit allows no more.")
     if holds_ground_speed(start):
         say("The autopilot holds the speed over the ground: only its lean or drive limits the wind.")
     if picture is not None:
@@ -79,6 +82,12 @@ def at_speed(path: str, speed: float) -> Iterator[str]:
         yield f"vehicle.max_turn_rate_deg_s={floor(degrees(most))!r}"
 
 
+def _limited(mission: Mission) -> bool:
+    """True if the turn rate is at the vehicle's acceleration limit."""
+    most = fastest_turn(mission)
+    return isfinite(most) and degrees(mission.orbit.max_turn_rate) > floor(degrees(most)) - 1e-6
+
+
 def _with_radius(path: str, changes: list[str], radius: float) -> Mission:
     return read_mission(path, (*changes, f"orbit.radius_m={radius!r}"))
 
@@ -94,9 +103,10 @@ def _radii(start: Mission, site: Site) -> list[float]:
             f"plan: the wind with gusts, {wind:.1f} m/s, is not below the vehicle's speed of {V:g} m/s: raise --speed"
         )
     if least > site.largest:
+        faster = "" if _limited(start) else ", or raise vehicle.max_bank_deg or max_turn_rate_deg_s"
         raise Refused(
             f"plan: --largest {site.largest:g} m is too small: at {V:g} m/s in {wind:.1f} m/s of wind with gusts the "
-            f"smallest radius is {least:.0f} m: lower --speed, or raise vehicle.max_bank_deg or max_turn_rate_deg_s"
+            f"smallest radius is {least:.0f} m: lower --speed{faster}"
         )
     return list(radii(least, site))
 

@@ -8,7 +8,7 @@ from circnav_mav.cli.describe import Finite, command
 
 @command("circnav_mav.extras.plan.command:print_plan", short_help="Choose radius and speed for a site and its wind.")
 @click.argument("path", metavar="VEHICLE", type=FileOrName("mission"))
-@click.option("--speed", "speeds", type=Finite(0.1), metavar="M/S", multiple=True,
+@click.option("--speed", "speeds", type=Finite(0.1, 150), metavar="M/S", multiple=True,
               help="Cruise speed; may be repeated. [default: the mission's]")  # fmt: skip
 @click.option("--largest", type=Finite(1), metavar="M", help="Largest radius that fits the site.")
 @click.option("--smallest", type=Finite(1), metavar="M", help="Smallest radius that is allowed.")

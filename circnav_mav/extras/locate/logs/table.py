@@ -103,7 +103,7 @@ def _demand(logs: Sequence[RangeLog], known: Format, options: ReadOptions) -> No
     """Raise EmptyLogError if required positions or ranges are missing."""
     if options.ranges and not any(log.ranges for log in logs):
         missing = f"no ranges in it; in {known.name} they are {known.ranges}"
-        if names := sorted(name for log in logs for name in log.names):
+        if names := sorted({name for log in logs for name in log.names} - {options.range_name}):
             missing += f", and none has the name {options.range_name!r}. Names that may be ranges: {listed(names)}. "
             missing += f"Give one: --range-name {printable(names[0])}"
         raise EmptyLogError(missing)
