@@ -14,7 +14,7 @@ from tests.flight.lockstep import clockwise_turns, flight, last_third, rms_error
 SPEED = {"arduplane": 22.0, "arducopter": 5.0}
 DURATION, JUDGED = 80.0, 45.0
 """Length of a flight and of its judged end, s."""
-LATE = ("plane, wind .53 V", "plane, target .2 V, wind .2 V")
+LATE = ("plane, wind 0.53 V", "plane, target 0.2 V, wind 0.2 V")
 """Situations in which the circle is true later or a lap takes longer."""
 
 
@@ -33,9 +33,9 @@ def radio(preset: str, sigma: float) -> tuple[str, ...]:
 SPARSE = ("sim.ranging.rate_hz=5.0", "ranging.rate_hz=5.0", "sim.ranging.dropout_fraction=0.5")
 THIN_AIR = ("sim.start.altitude_m=3416.0", "sim.target.altitude_m=3356.0", "sim.vehicle.airspeed_scale=1.223")
 SITUATIONS: dict[str, tuple[tuple[str, ...], float]] = {  # overrides, largest RMS radius error in m
-    "plane, wind .53 V": ((wind(0.53), "orbit.radius_m=200.0"), 0.6),
+    "plane, wind 0.53 V": ((wind(0.53), "orbit.radius_m=200.0"), 0.6),
     "plane, 4000 m above the sea": ((wind(0.2), *THIN_AIR), 0.35),
-    "plane, target .2 V, wind .2 V": ((moving("arduplane"), wind(0.2)), 0.3),
+    "plane, target 0.2 V, wind 0.2 V": ((moving("arduplane"), wind(0.2)), 0.3),
     "plane, gusts": ((wind(0.33), "sim.wind.gust_rms_mps=1.5", "sim.wind.gust_time_s=10.0"), 3.0),
     "plane, lora": ((wind(0.2), *radio("lora", 2.2)), 3.0),
     "copter, 50 % loss at 5 Hz, heading drift": ((*SPARSE, "sim.sensors.heading_drift_deg_s=0.1"), 1.0),

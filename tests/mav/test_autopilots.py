@@ -255,7 +255,7 @@ def test_a_copters_report_of_velocity_and_acceleration_shows_its_turn_right_posi
     course: float, turn: float
 ) -> None:
     assert turn_in(copter_report(course, 5.0, turn)) == pytest.approx(turn, abs=1e-6)
-    assert turn_in(copter_report(course, 0.2, 3.0)) == 0.0, "after a timeout of the setpoints it stands"
+    assert turn_in(copter_report(course, 0.2, 3.0)) == 0.0, "a copter that hovers after a timeout"
     assert [turn_in(copter_report(course, 5.0, turn, ignored=bit)) for bit in (0x08, 0x40)] == [None, None]
 
 

@@ -52,8 +52,8 @@ def print_plan(
         say(line)
     say(f"Recommended: {best.radius:g} m at {best.speed:g} m/s: {reason}.")
     if _limited(start):
-        rate = f"vehicle.max_turn_rate_deg_s = {start.file.vehicle.max_turn_rate_deg_s:g}"
-        say(f"{rate}: at this speed the autopilot's default acceleration limit allows no more.")
+        lowered = f"vehicle.max_turn_rate_deg_s = {start.file.vehicle.max_turn_rate_deg_s:g}"
+        say(f"{lowered}: at this speed the autopilot's default acceleration limit allows no more.")
     if holds_ground_speed(start):
         say("The autopilot holds the speed over the ground: only its lean or drive limits the wind.")
     if picture is not None:

@@ -151,7 +151,7 @@ def least_airspeed(value: float, context: Context) -> Verdict:
 most_airspeed = at_least(lambda mission: mission.speed, "above the mission's {:g} m/s", "below the mission's {:g} m/s")
 bank_limit = at_least(
     lambda mission: mission.max_bank_deg,
-    "not below the mission's {:g} deg",
+    "enough for the mission's {:g} deg",
     "below the mission's {:g} deg, so the autopilot banks less: lower vehicle.max_bank_deg",
 )
 COPTER_DRAG = 0.3
@@ -182,7 +182,7 @@ def enough_lean(usual: float) -> Callable[[Context], float]:
 
 velocity_limit = at_least(
     lambda mission: mission.speed,
-    "not below the mission's {:g} m/s",
+    "enough for the mission's {:g} m/s",
     "below the mission's {:g} m/s: the autopilot may not reach the speed of the mission",
     WARN,
 )

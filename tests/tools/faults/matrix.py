@@ -47,10 +47,10 @@ FAULTS = {
     "F17": "the vehicle speaks from another address",
     "F18": "another vehicle, radio or companion speaks",
     "F19": "commands are refused, ignored or answered late",
-    "F20": "our process stands still",
+    "F20": "circnav's process is paused",
     "F22": "MAVLink 1, replays, and signed links",
     "F23": "attackers on the link",
-    "F24": "vehicle, radio or computer stand still",
+    "F24": "the autopilot, the radio or the whole computer is paused",
     "F25": "several range sensors, and ranges faster than ticks",
     "F29": "attitude and airspeed are missing, no numbers, or jump",
 }
