@@ -86,7 +86,7 @@ def outlive_terminal() -> None:
 
 
 class _IgnoringErrors(io.FileIO):
-    """Descriptor that ignores failed writes."""
+    """Output file that ignores failed writes."""
 
     def write(self, data: Any, /) -> int:
         try:
@@ -96,7 +96,7 @@ class _IgnoringErrors(io.FileIO):
 
 
 class _RaisingErrors(io.FileIO):
-    """Descriptor that raises Refused on the first failed write, and ignores later writes. BrokenPipeError is passed
+    """Output file that raises Refused on the first failed write, and ignores later writes. BrokenPipeError is passed
     on."""
 
     _reported = False
@@ -112,7 +112,7 @@ class _RaisingErrors(io.FileIO):
 
 
 def _onto(kind: type[io.FileIO], stream: TextIO) -> TextIO:
-    """Return the stream on a descriptor of this class. A stream without a file is returned unchanged."""
+    """Return the stream on an output file of this class. A stream without a file is returned unchanged."""
     if not isinstance(stream, io.TextIOWrapper):
         return stream
     try:

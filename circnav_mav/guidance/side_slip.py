@@ -6,11 +6,11 @@
 angle: from the nose to the direction of motion through the air, seen from above. w: turn rate of the coordinated turn.
 Both counter-clockwise, bank to the left, pitch above the path.
 
-First term: if the nose turns less than its bank requires, the side force balances the rest. c is the time in which a
-side-slip bends the path. Second term: with bank and the nose up, the nose points to the inside of the turn. The pitch
-is the mean of straight flight over many seconds, plus the rise for the extra lift in a bank. The measured pitch is not
-used, because gusts disturb it. A gust turns the nose into it and does not move the path. Within T the path follows the
-bank, not the nose.
+First term: if the nose turns less than its bank requires, the side force balances the rest. In the time c a
+side-slip turns the path by its angle. Second term: with bank and the nose up, the nose points to the inside of the
+turn. The pitch is the mean of straight flight over many seconds, plus the rise for the extra lift in a bank. The
+momentary pitch is not used: gusts disturb it. A gust turns the nose into it and does not move the path. Within T the
+path follows the bank, not the nose.
 
 ArduPilot's simulated plane flies 0.75 of its coordinated turn rate, with its nose 2.8 deg down. On a circle its path
 points 2.3 deg inside of its nose, in wind +-1 deg as its bank changes. Source: balance of the forces across the path,
@@ -26,7 +26,7 @@ from typing import NamedTuple
 from circnav_mav.guidance.types import OwnMotion
 
 BENDS_AWAY = 0.3
-"""Time c in which a side-slip bends the path, s."""
+"""Time c in which a side-slip turns the path by its angle, s."""
 BY_BANK = 0.6
 """Time constant T within which the path follows the bank, s."""
 LIFTS = 0.052

@@ -43,7 +43,7 @@ MEMORY = 90.0
 PRIOR_SIGMA = 0.6
 """Standard deviation of the logarithm of dead time plus lag about the mission's value."""
 SPLIT_SIGMA = 0.5
-"""Standard deviation of the lag's share of dead time plus lag, about 0.5."""
+"""Standard deviation of lag/(dead time + lag) about its mean of 0.5."""
 LEAST_NOISE = 0.01
 """Lower bound of the noise of a bin's mean turn rate, rad/s, from gusts and the gyro."""
 EXPLAINED, LEAST_SLOPE, MOST_SLOPE = 0.6, 0.4, 1.6

@@ -131,7 +131,7 @@ def drift(
 
 def _outward(r: Number, turn_radius: Number, r_d: Number) -> Array:
     """Return the preference for a left turn, away from the target, over a right turn, rad. It is full where half a turn
-    to the right ends inside the circle, and 0 from one turn radius farther out and inside 0.9 r_d."""
+    to the right ends inside the circle, 0 from one turn radius farther out, and always 0 inside 0.9 r_d."""
     beyond = clip((r_d + 3 * turn_radius - r) / turn_radius, 0.0, 1.0)
     outside = clip((r - 0.9 * r_d) / (0.1 * r_d), 0.0, 1.0)
     return OUTWARD * beyond * outside

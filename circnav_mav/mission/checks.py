@@ -133,7 +133,7 @@ def _radius(mission: Mission) -> Iterator[Check]:
 def _turn_rate(mission: Mission) -> Iterator[Check]:
     orbit, gain = mission.orbit, mission.least_turn_gain
     needed, able = abs(orbit.steady_turn_rate), gain * orbit.max_turn_rate
-    slips = "" if gain == 1 else f": turn gain {gain:g} at a command of {degrees(orbit.max_turn_rate):.2f} deg/s"
+    slips = "" if gain == 1 else f"; it turns {gain:g} times a commanded {degrees(orbit.max_turn_rate):.2f} deg/s"
     words = f"the circle needs {degrees(needed):.2f} deg/s of the vehicle's {degrees(able):.2f} deg/s"
     share = f"{100 * needed / able:.0f} %, must stay below 100 %"
     yield Check(graded(needed / able, warn_above=TURN_USED, fail_above=1.0), "turn rate", f"{words} ({share}){slips}")

@@ -143,8 +143,8 @@ def _follow(body: Body, wanted: EarthVelocity, h: float) -> Body:
     error = math.remainder(math.atan2(wanted.east, wanted.north) - body.course, math.tau)
     sideways = min(MOST_ACCELERATION, abs(speed * wanted.yaw_rate))
     correction_time = 0.3 + 0.2 * sideways  # s: the harder the turn, the more it slips
-    most = 1.4 * MOST_ACCELERATION / speed
-    command = within(fed + error / correction_time, most)
+    # The limit holds for the correction alone: ArduCopter adds the acceleration that is fed forward to it.
+    command = fed + within(error / correction_time, 1.4 * MOST_ACCELERATION / speed)
     course_rate = body.course_rate + (command - body.course_rate) * (1 - math.exp(-h / COURSE_LAG))
     change = within((goal - speed) / SPEED_LAG, MOST_ACCELERATION)
     course, after = body.course + course_rate * h, speed + change * h

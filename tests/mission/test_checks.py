@@ -102,8 +102,8 @@ SENT_TYPES = [
      "steady radius 10.000 m, desired 10 m"),
     # 9.80665 tan(45 deg)/15 = 37.46 deg/s, of which a plane that slips reaches 0.72
     ("turn rate", " ".join([*PLANE, "vehicle.max_turn_rate_deg_s=90"]), PASS,
-     "the circle needs 8.59 deg/s of the vehicle's 26.97 deg/s (32 %, must stay below 100 %): turn gain 0.72 "
-     "at a command of 37.46 deg/s"),
+     "the circle needs 8.59 deg/s of the vehicle's 26.97 deg/s (32 %, must stay below 100 %); it turns 0.72 "
+     "times a commanded 37.46 deg/s"),
     # 3, 4, 5: 300 m out and 400 m up are 500 m
     ("reach", "orbit.radius_m=300 orbit.height_above_target_m=400", WARN,
      "range on the circle 500.0 m, distance_sensor reports up to 655.3 m (76 %, at most 80 %)"),

@@ -105,7 +105,7 @@ def _check_scheduler(address: str) -> None:
     scheme, _, place = address.rpartition("://")
     host, _, port = place.rpartition(":")
     if scheme not in SCHEMES or not host or not port.isdecimal() or int(port) > 65535:
-        raise CampaignError(f"--scheduler {address}: write it as tcp://HOST:PORT, or with tls, ws or wss in front")
+        raise CampaignError(f"--scheduler {address}: write it as tcp://HOST:PORT (or tls://, ws://, wss://)")
     try:
         with socket.create_connection((host.strip("[]"), int(port)), CONNECT_TIMEOUT) as there:
             answered = scheme not in SERVER_FIRST or there.recv(1)

@@ -292,7 +292,7 @@ class Acceptance:
         if newer_by <= 0:
             raise RejectedError(Rejection.REPLAYED, f"id {report.member}, {-newer_by:.1f} s older than its newest")
         if newer_by < SHORTEST_INTERVAL:
-            raise RejectedError(Rejection.TOO_OFTEN, f"id {report.member}, {newer_by:.3f} s after its last")
+            raise RejectedError(Rejection.TOO_OFTEN, f"id {report.member}, reports {newer_by:.3f} s apart")
         self._check_phase(known, report, now)
 
     def _check_phase(self, known: Member, report: MemberReport, now: float) -> None:

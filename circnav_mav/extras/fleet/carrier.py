@@ -106,7 +106,7 @@ class FrameCarrier:
         return reports
 
     def take_frames(self) -> list[bytes]:
-        """Return the frames sent and accepted since the last call, for the recorder."""
+        """Return all frames sent or accepted since the last call, for the recorder."""
         frames, self._frames = self._frames, []
         return frames
 

@@ -220,7 +220,7 @@ def _say(tag: str, found: CalibrationFit) -> None:
         scale = f"scale {1 + place.scale:.4f} ±{place.scale_sigma:.4f}"
         say(f"  radio      {scale}, bias {place.bias:+.2f} ±{place.bias_sigma:.2f} m")
     elif found.scale_sigma < SHARP:
-        say(f"  radio      {error}; scale 1 within {found.scale_sigma:.4f}")
+        say(f"  radio      {error}; scale 1 ±{found.scale_sigma:.4f}")
     else:
         say(
             f"  radio      {error}. Scale and bias not separately observable: valid at this range only; also fly the "

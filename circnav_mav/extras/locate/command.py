@@ -134,7 +134,7 @@ def output(out: str | None, source: Path, kind: str) -> Path:
 
 
 def _busy(what: str) -> Progress:
-    """Return a line with the elapsed time, shown on a terminal while it is open."""
+    """Return a context that shows the elapsed time on a terminal until it ends."""
     console = Console(stderr=True)
     columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
     line = Progress(

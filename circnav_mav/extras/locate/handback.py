@@ -260,7 +260,7 @@ def _from(target: Place, here: PositionEstimate) -> complex:
 
 
 def _at_distance(r: float, target: Place, here: PositionEstimate) -> PositionEstimate:
-    """Return the position moved along the line of sight to the measured distance r (m), unless r is implausible."""
+    """Return the position, moved along its line of sight to the measured distance r (m) if r is plausible."""
     way = _from(target, here)
     if not 0 < abs(r - abs(way)) < AGREE * here.sigma or abs(way) < 1.0:
         return here

@@ -433,7 +433,7 @@ class Locator:
             sigma = f"{place.sigma:.1f}" if isfinite(place.sigma) else "?"
             self._announcer.say("place", f"target {place.latitude:.6f} {place.longitude:.6f} {sigma} m")
             if place.up_known:  # a second message: the first one has the maximum length
-                self._announcer.say("altitude", f"target altitude {place.up:.1f} m, sigma {place.up_sigma:.1f} m")
+                self._announcer.say("altitude", f"target at {place.up:.1f} m AMSL, sigma {place.up_sigma:.1f} m")
 
     def _encode(self, message: Message) -> bytes:
         """Return one frame. Raises ValueError if the survey must not send this message."""

@@ -229,7 +229,7 @@ def table(found: list[Findings]) -> str:
     """Return predictions and results as a Markdown table."""
     columns = [f"example {one.example.number}" for one in found]
     rows = [
-        ("law, k, radius fed", [f"{f.example.law}, {f.example.k:g}, {f.example.fed:.5f} m" for f in found]),
+        ("law, k, law radius", [f"{f.example.law}, {f.example.k:g}, {f.example.fed:.5f} m" for f in found]),
         ("starts", [str(f.starts) for f in found]),
         ("predicted radius", [f"{f.example.predicted:.5f} m" for f in found]),
         ("reached radius, least to most", [f"{f.reached[0]:.5f} to {f.reached[1]:.5f} m" for f in found]),
@@ -255,4 +255,4 @@ def _settling(times: Batch) -> str:
 
 
 def _title(example: Example) -> str:
-    return f"Example {example.number}: {example.law} law, k = {example.k:g}, fed {example.fed:.3f} m"
+    return f"Example {example.number}: {example.law} law, k = {example.k:g}, law radius {example.fed:.3f} m"

@@ -119,7 +119,7 @@ def table(start: Mission, site: Site, found: list[Candidate], best: Candidate) -
             speed = one.speed
             yield (
                 f"{start.file.vehicle.kind} at {speed:g} m/s, wind {site.wind:g} m/s, gusts {site.gusts:.2g} m/s, "
-                f"ranges of {ranging.sigma_m:g} m at {ranging.rate_hz:g} Hz"
+                f"range noise {ranging.sigma_m:g} m, {ranging.rate_hz:g} Hz"
             )
             laps = f"{site.laps:g} laps"
             yield f"place: standard deviation after {laps}; flight: approach and {laps}"

@@ -60,11 +60,11 @@ FORGOTTEN, REVIVED = -12.0, -6.0
 class MultipleModelFilter:
     """Multiple-model filters of B flights that are stepped together. Input: `step`, or `observe` and `search`.
 
-    mean (12, B), covariance (12, 12, B): the estimate. Arrays (B,): stage; nis of the most likely hypothesis; missed:
-    share of recent samples outside the gate; refused: True if the last sample was rejected; spread: standard deviation
-    of the position as a share of the range (infinite before the target is located); trusted: True if the estimate may
-    steer. assumed (3, B): weighted average of the models' drift_psd, gust and acceleration_weight (unweighted during
-    a search).
+    mean (12, B), covariance (12, 12, B): the estimate. Arrays (B,): stage: of acquisition; nis: normalized innovation
+    squared of the most likely hypothesis; missed: share of recent samples outside the gate; refused: True if the last
+    sample was rejected; spread: standard deviation of the position as a share of the range (infinite before the target
+    is located); trusted: True if the estimate may steer. assumed (3, B): weighted average of the models' drift_psd,
+    gust and acceleration_weight (unweighted during a search).
     """
 
     def __init__(self, settings: EstimatorSettings, flights: int = 1, known: Prior | None = None) -> None:

@@ -39,7 +39,7 @@ AXES[0, [DX, GX, EX]] = AXES[1, [DY, GY, EY]] = 1.0
 BIAS_TIME = 2.0
 """Correlation time of the drifting range error, s: UWB and LoRa radios show 1 to 3 s."""
 GUST_TIME = 10.0
-"""Correlation time of gusts, s: the 150 to 200 m of low-level turbulence at the speed of a small UAV."""
+"""Correlation time of gusts, s: their length scale near the ground, 150 to 200 m, over the speed of a small UAV."""
 KAPPA_RANGE = (0.85, 1.15)
 """Bounds of kappa: the largest errors of airspeed sensors. Without them a filter can lock on to a wrong mode."""
 CLOSEST = 1.0

@@ -34,7 +34,7 @@ def _guided_options(value: float, context: Context) -> Verdict:
 
 
 def _acceleration(value: float, context: Context) -> Verdict:
-    """Judge WPNAV_ACCEL, m/s^2: the acceleration must suffice for turns at the mission's turn-rate limit.
+    """Judge WPNAV_ACCEL, here in m/s^2: it must suffice for turns at the mission's turn-rate limit.
 
     At 5 m/s with 2.5 m/s^2, flights with a limit of 45 deg/s settled on the circle after 16 to 68 s, flights with a
     limit of 30 deg/s after 14 to 31 s.

@@ -175,7 +175,7 @@ class Autopilot(ABC):
         return commanded if self._doubts_airspeed else measured
 
     def bank(self, steer: Steer, to: SetpointContext) -> float:
-        """Return the bank of the coordinated turn, atan(w V/g), within the mission's limit: rad, right positive."""
+        """Return the bank of the coordinated turn, atan(w V/g) with w clockwise, limited: rad, right positive."""
         airspeed, most = to.motion.true_airspeed(self.airspeed(to.motion.airspeed)), self._facts.max_bank
         return min(max(atan(steer.yaw_rate * airspeed / GRAVITY), -most), most)
 

@@ -24,8 +24,8 @@ REFUSED: dict[tuple[str, str], str] = {
         "ground-speed estimate): the circle's speed cannot be held. Give the copter optical flow and use GUIDED"
     ),
     ("px4", "rover"): (
-        "PX4 rovers ignore yaw rate and attitude setpoints in OFFBOARD; only a rotated velocity or a moving position "
-        "target steers them, and the first keeps driving after the stream stops"
+        "PX4 rovers ignore yaw rate and attitude setpoints in OFFBOARD; only a turning velocity vector (the rover "
+        "drives on after the stream stops) or a moving position target steers them"
     ),
 }
 """Vehicles that cannot be flown, with a human-readable reason."""

@@ -42,7 +42,7 @@ def test_height_and_bias_are_known_after_the_second_circle_and_not_after_the_fir
     true = np.mean([true_radius(one) for one in flown.truths if one.time > 90.0])
     assert number and float(number[1]) == pytest.approx(true, abs=0.3)
     assert texts[1:] == [f"circnav: target {known.latitude:.6f} {known.longitude:.6f} {known.sigma:.1f} m",
-                         f"circnav: target altitude {known.up:.1f} m, sigma {known.up_sigma:.1f} m"]  # fmt: skip
+                         f"circnav: target at {known.up:.1f} m AMSL, sigma {known.up_sigma:.1f} m"]  # fmt: skip
 
 
 def test_the_second_circle_begins_after_a_lap_of_the_first_and_all_that_is_said_is_of_the_circle_flown(

@@ -48,7 +48,7 @@ FAULTS = {
     "F18": "another vehicle, radio or companion speaks",
     "F19": "commands are refused, ignored or answered late",
     "F20": "circnav's process is paused",
-    "F22": "MAVLink 1, replays, and signed links",
+    "F22": "MAVLink 1, old frames sent again, signed links",
     "F23": "attackers on the link",
     "F24": "the autopilot, the radio or the whole computer is paused",
     "F25": "several range sensors, and ranges faster than ticks",

@@ -74,7 +74,7 @@ def _measured(log: RangeLog, tag: str, rows: Sequence[Range]) -> list[Range]:
         longest = max(frozen, key=lambda run: run[-1][0] - run[0][0])
         zero, begin, end = rows[0][0], longest[0][0], longest[-1][0]
         log.note(
-            f"{tag}: {sum(map(len, frozen))} ranges do not change, {len(frozen)} times; the longest at "
+            f"{tag}: {sum(map(len, frozen))} ranges in {len(frozen)} stretches of equal values, the longest of "
             f"{longest[0][1]:.2f} m from {begin - zero:.1f} to {end - zero:.1f} s after the first range. They are left "
             "out: the radio was silent, or its driver repeated the last value"
         )
