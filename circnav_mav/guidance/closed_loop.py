@@ -5,6 +5,7 @@ trim, pending turn and turn gain. `LearnedResponse` learns the response of the v
 """
 
 from collections.abc import Callable
+from math import pi
 
 from circnav_mav.guidance.step import LawChoice, Steering, compensate_turn_gain, holding
 from circnav_mav.guidance.turn_answer import LearnedResponse
@@ -45,6 +46,7 @@ class ClosedLoop:
         turning = estimate.relative.turn_rate if estimate.relative is not None else 0.0
         pending = self.answer.pending(now, turning)
         command = self._steer(estimate, self._trim, pending, self.answer.monitor.share)
+        self.answer.monitor.lap = 2 * pi / abs(self.orbit.steady_turn_rate) if command.flies == "drift" else 0.0
         self._trim_radius(estimate, command)
         return self._compensated(command)
 

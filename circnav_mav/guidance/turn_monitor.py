@@ -45,9 +45,14 @@ SWING_WINDOW, LEAST_SWING_WINDOW = 72, 36
 """Longest and shortest window for a limit cycle, bins: 14.4 s contain four periods of the slowest cycle, 7.2 s four
 periods of 1.8 s."""
 LONGEST_PERIOD = 18
-"""Longest period of a detected limit cycle, bins: 3.6 s. Limit cycles on firmware had periods of 1 to 4.6 s, most of
-them below 2.5 s. Longer periods also occur during the acquisition of the target: its excitation has a period of 6 s,
-and turns from one hypothesis to the next take 4.4 to 5 s."""
+"""Longest period of a limit cycle, bins, while the target is not located: 3.6 s. Limit cycles on firmware had periods
+of 1 to 4.6 s, most of them below 2.5 s. Longer periods also occur during the acquisition of the target: its excitation
+has a period of 6 s, and turns from one hypothesis to the next take 4.4 to 5 s."""
+SLOW_WINDOW, SLOWEST_PERIOD = 160, 40
+"""Window and longest period of a limit cycle on the estimated target position, bins: 32 s contain four periods of 8 s.
+A copter at its acceleration limit swung with 5 to 6 s."""
+LAP_SHARE = 0.4
+"""Longest period of a limit cycle as a share of the lap. In wind, turns repeat with every lap, and twice in a lap."""
 PERIODS = 4.0
 """Least number of periods in the window. The alternating turns of an approach, and gusts that repeat by chance, have
 fewer periods."""
@@ -79,17 +84,18 @@ class TurnMonitor:
     """Detects a vehicle that does not follow, and lowers the gains in a limit cycle.
 
     follows: False while the vehicle does not follow turn commands. since: time of that verdict, s; inf if the vehicle
-    follows. share: factor on the gains.
+    follows. share: factor on the gains. lap: duration of a lap while the law flies on the estimated target position, s,
+    else 0.
     """
 
     def __init__(self, limit: float) -> None:
         """limit: limit of the commanded turn rate, rad/s."""
         self._limit = limit
         self._bins: deque[TurnBin] = deque(maxlen=max(WINDOWS))
-        self._turns: deque[tuple[float, float]] = deque(maxlen=SWING_WINDOW)
-        self._in_a_row = self._regular = 0
+        self._turns: deque[tuple[float, float]] = deque(maxlen=SLOW_WINDOW)
+        self._in_a_row = self._regular = self._located = 0
         self.follows, self.since = True, inf
-        self.share = 1.0
+        self.share, self.lap = 1.0, 0.0
 
     def take(self, new: TurnBin, commanded: float, begun: float) -> None:
         """Add a bin. commanded: turn rate, rad/s. begun: time of the first command to this vehicle, s."""
@@ -99,6 +105,7 @@ class TurnMonitor:
             return
         self._bins.append(new)
         self._turns.append((new.flown, commanded))
+        self._located = self._located + 1 if self.lap else 0
         self._judge_following(new.time)
         self._judge_swing()
 
@@ -110,7 +117,7 @@ class TurnMonitor:
     def _forget(self) -> None:
         self._bins.clear()
         self._turns.clear()
-        self._in_a_row = self._regular = 0
+        self._in_a_row = self._regular = self._located = 0
 
     def _judge_following(self, now: float) -> None:
         judged = [_evidence(self._bins, width) for width in WINDOWS if len(self._bins) >= width]
@@ -125,8 +132,12 @@ class TurnMonitor:
     def _judge_swing(self) -> None:
         if len(self._turns) < LEAST_SWING_WINDOW:
             return
-        swings, size = max(_swing(np.array(turns)) for turns in zip(*self._turns, strict=True))
-        self._regular = self._regular + 1 if swings and size >= LEAST_SWING * self._limit else 0
+        turns, least = np.array(self._turns).T, LEAST_SWING * self._limit
+        swings = any(_swings(one[-SWING_WINDOW:], least, LONGEST_PERIOD) for one in turns)
+        if (size := min(len(self._turns), self._located)) > SWING_WINDOW:
+            longest = min(SLOWEST_PERIOD, int(LAP_SHARE * self.lap / BIN))
+            swings = swings or any(_swings(one[-size:], least, longest) for one in turns)
+        self._regular = self._regular + 1 if swings else 0
         if self._regular >= LASTS:
             self.share = max(self.share * LOWERED, LEAST)
             # Turns flown with the previous gains do not show the effect of the new ones.
@@ -156,21 +167,22 @@ def _evidence(bins: deque[TurnBin], width: int) -> int:
     return -1 if other < BETTER * following else int(following < BETTER * other)
 
 
-def _swing(turns: Batch) -> tuple[bool, float]:
-    """Return True if binned turn rates (rad/s) repeat as in a limit cycle, and the RMS of their fast part, rad/s. A
-    parabola removes the slow part: wind and approach."""
+def _swings(turns: Batch, least: float, longest: int) -> bool:
+    """Return True if binned turn rates (rad/s) repeat as in a limit cycle with a period of at most `longest` bins, and
+    the RMS of their fast part is at least `least`, rad/s. A parabola removes the slow part: wind and approach."""
     place = np.linspace(-1.0, 1.0, turns.size)
     fast = turns - np.polyval(np.polyfit(place, turns, 2), place)
-    size = sqrt(float(np.mean(fast**2)))
-    longest = min(LONGEST_PERIOD + 1, int(turns.size / PERIODS))
+    if sqrt(float(np.mean(fast**2))) < least:
+        return False
+    longest = min(longest + 1, int(turns.size / PERIODS))
     correlation = np.array([_correlation(fast[:-lag], fast[lag:]) for lag in range(1, longest + 1)])
     negative = np.flatnonzero(correlation < 0)
     if not negative.size:
-        return False, size
+        return False
     peak = int(negative[0]) + int(correlation[negative[0] :].argmax())
-    if peak + 1 >= longest:  # still rising: the period is longer than LONGEST_PERIOD
-        return False, size
-    return bool(correlation[peak] >= REPEATS and correlation[: peak + 1].min() <= REVERSES), size
+    if peak + 1 >= longest:  # still rising: the period is longer
+        return False
+    return bool(correlation[peak] >= REPEATS and correlation[: peak + 1].min() <= REVERSES)
 
 
 def _correlation(a: Batch, b: Batch) -> float:

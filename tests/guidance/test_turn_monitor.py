@@ -13,10 +13,11 @@ DELAYS = (0, 1, 2, 4)
 """Delay of the candidates in these tests, bins."""
 
 
-def monitored(command, flown, seconds=30.0, *, noise=0.0, monitor=None, start=0.0):
+def monitored(command, flown, seconds=30.0, *, noise=0.0, monitor=None, start=0.0, lap=0.0):
     """Return the monitor after some time. command: turn rate by time. flown: turn rate by time and the commands so far,
-    newest last."""
+    newest last. lap: duration of a lap round the located target, s."""
     monitor, rng, said = monitor or TurnMonitor(LIMIT), np.random.default_rng(4), [0.0] * 20
+    monitor.lap = lap
     for i in range(round(seconds / BIN)):
         time = start + i * BIN
         said.append(min(max(command(time), -LIMIT), LIMIT))
@@ -80,6 +81,13 @@ def test_a_swing_of_up_to_3_s_is_a_cycle_within_15_s_and_lowers_the_gains_but_no
     assert monitored(swing, follow, 200.0, noise=0.02).share == LEAST
 
 
+@pytest.mark.parametrize("lap", [0.0, 12.0, 40.0], ids=["not located", "a lap of two periods", "located"])
+@pytest.mark.parametrize("period", [5.0, 7.5])
+def test_a_slow_swing_is_a_cycle_once_the_target_is_located_unless_it_repeats_with_the_lap(period, lap):
+    found = monitored(lambda t: 0.15 + 0.25 * sin(2 * pi * t / period), lambda t, said: said[-2], 40.0, noise=0.02, lap=lap)
+    assert (found.share < 1.0) == (lap == 40.0)
+
+
 @pytest.mark.parametrize(
     "command",
     [
@@ -95,17 +103,19 @@ def test_what_a_flight_needs_is_no_cycle(command):
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_gusts_are_no_cycle_however_large(seed):
-    """Noise through a loop with a period of 2.4 s and a damping of 0.3."""
+@pytest.mark.parametrize("frequency", [2.6, 1.1])
+def test_gusts_are_no_cycle_however_large(seed, frequency):
+    """Noise through a loop with a period of 2.4 s or 6 s and a damping of 0.3."""
     rng, state = np.random.default_rng(seed), [0.0, 0.0]
 
     def gusty(time):
         for _ in range(10):
-            rate = state[1] + (-(2.6**2) * state[0] - 2 * 0.3 * 2.6 * state[1]) * 0.02 + rng.standard_normal() * 0.18
+            back = frequency**2 * state[0] + 2 * 0.3 * frequency * state[1]
+            rate = state[1] - back * 0.02 + rng.standard_normal() * 0.18 * frequency / 2.6
             state[:] = state[0] + rate * 0.02, rate
         return state[0]
 
-    assert monitored(gusty, lambda time, said: said[-2], 120.0).share == 1.0
+    assert monitored(gusty, lambda time, said: said[-2], 120.0, lap=60.0).share == 1.0
 
 
 def test_a_swing_that_stops_lowers_the_gains_no_further():
