@@ -78,8 +78,10 @@ def _turn(summary: dict[str, Any]) -> list[str]:
     if gain is not None and delay is not None:
         changes = summary["law_changes"]
         lines.append(f"  vehicle    turn gain {gain:.2f}, turn delay {delay:.2f} s; law changes {changes}")
-    if summary["turn_limit_cycle"] or (share is not None and share < 1):
-        lines.append(f"  WARNING    {LIMIT_CYCLE.long.format(found=100 * (1 if share is None else share))}")
+    reduced = share is not None and share < 1
+    if summary["turn_limit_cycle"] or reduced:
+        words = LIMIT_CYCLE.long if reduced else LIMIT_CYCLE.long.partition(",")[0]
+        lines.append(f"  WARNING    {words.format(found=100 * (share or 1))}")
     return lines
 
 

@@ -22,6 +22,9 @@ SLOW_ROUND_TRIP = 0.1
 """Round trip to the autopilot, s, above which the delay is no longer small compared to a turn lag of 0.4 s."""
 LEAST_SPAN = 1.0
 """Least time, s, to measure the speed of a clock within a few percent."""
+LEAST_SLIP = 0.08
+"""Difference between two clocks over the time of measurement, s, above which preflight warns. PX4's simulator ran at
+0.985 of real time: ranges counted as 0.3 s older than they were, and one flight of four ended with RANGE STALE."""
 TROUBLE = ("prearm", "arm:", "failsafe", "failed", "error", "unhealthy", "denied", "variance")
 """Words by which preflight selects the STATUSTEXTs that it repeats."""
 
@@ -222,13 +225,15 @@ def _clock(mission: Mission, listener: PreflightListener, clock_speed: float) ->
         yield Check(FAIL if follows else WARN, "clock", words)
     else:
         speed = span_speed(boot) * clock_speed
-        words = f"the autopilot's clock runs at {speed:.2f} times our speed"
+        words = f"the autopilot's clock runs at {speed:.3f} times our speed"
         if speed < SPEED_OFF:
             yield Check(FAIL, "clock", f"{words}: it has stopped")
         elif follows:
             yield Check(PASS, "clock", f"{words}, and the flight follows it")
         elif abs(speed - 1) > SPEED_OFF:
             yield Check(FAIL, "clock", f'{words}: set link.clock = "autopilot" to fly a simulator at this speed')
+        elif abs(speed - 1) * (boot[1][0] - boot[0][0]) > LEAST_SLIP:
+            yield Check(WARN, "clock", f'{words}: ranges may count as old. For a simulator: link.clock = "autopilot"')
         else:
             yield Check(PASS, "clock", words)
     if trip is not None:

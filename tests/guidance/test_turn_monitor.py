@@ -84,7 +84,10 @@ def test_a_swing_of_up_to_3_s_is_a_cycle_within_15_s_and_lowers_the_gains_but_no
 @pytest.mark.parametrize("lap", [0.0, 12.0, 40.0], ids=["not located", "a lap of two periods", "located"])
 @pytest.mark.parametrize("period", [5.0, 7.5])
 def test_a_slow_swing_is_a_cycle_once_the_target_is_located_unless_it_repeats_with_the_lap(period, lap):
-    found = monitored(lambda t: 0.15 + 0.25 * sin(2 * pi * t / period), lambda t, said: said[-2], 40.0, noise=0.02, lap=lap)
+    def swing(time):
+        return 0.15 + 0.25 * sin(2 * pi * time / period)
+
+    found = monitored(swing, lambda time, said: said[-2], 40.0, noise=0.02, lap=lap)
     assert (found.share < 1.0) == (lap == 40.0)
 
 
