@@ -88,7 +88,7 @@ def obstacle(request: CircleRequest, orbit: Orbit, limits: CircleLimits) -> str:
     able = limits.turn_gain * wanted.max_turn_rate
     if abs(wanted.steady_turn_rate) >= able:
         least = wanted.speed / able
-        return f"radius {wanted.radius:g} m: turn rate allows {least:.0f} m"
+        return f"radius {wanted.radius:g} m: min {least:.0f} m by turn rate"
     return ""
 
 

@@ -32,7 +32,7 @@ BY_BANK = 0.6
 LIFTS = 0.052
 """Rise of the nose, rad, per unit of tan(bank)."""
 MEAN_TIME = 20.0
-"""Time constant of the means of straight-flight pitch and of q, s."""
+"""Time constant of the means of straight-flight pitch and of q (flown over coordinated turn rate), s."""
 LEAST_TURN = 0.02
 """Turn rate from which q is observable, rad/s. Below, q tends to 1."""
 MOST = 0.2

@@ -157,7 +157,7 @@ def _is_single(moved: int, then: int) -> bool:
 
 HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _OF_ANOTHER = (Reject.WRONG_SOURCE.value, Reject.OTHER_SENSOR.value, Reject.AMBIGUOUS.value)
-"""Rejection reasons of a range that fits the mission while another source is used."""
+"""Reasons to reject a source that fits the mission: it is not, or not yet, the chosen one."""
 
 
 @dataclass(slots=True)

@@ -103,7 +103,7 @@ def _problem(problem: str | None, ticks: Ticks, truth: Truth | None, end: float)
     if truth is not None and problem is not None:
         ends["truth"] = float(truth.time[-1])
     short = ", ".join(f"{what} up to {until:.0f} s" for what, until in ends.items() if end - until > UNRECORDED)
-    return "; ".join(filter(None, [problem, short and f"figures are of {short} of {end:.0f} s"])) or None
+    return "; ".join(filter(None, [problem, short and f"figures cover {short} of {end:.0f} s"])) or None
 
 
 def _circles(ticks: Ticks, known: NDArray[np.bool_], first: float, start: float) -> list[dict[str, Any]]:

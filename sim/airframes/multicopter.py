@@ -126,7 +126,7 @@ class Multicopter:
         )
 
     def _tilted(self, moved: Body, before: Body, h: float) -> Body:
-        """Set the attitude that gives the acceleration just flown, plus drag in the trimmed wind."""
+        """Set the attitude that gives the acceleration just flown and balances the drag of the compensated wind."""
         roll, pitch = lean(*self._thrust(moved, before, h), moved.heading)
         lag = 1 - math.exp(-h / 0.1)
         roll, pitch = before.roll + (roll - before.roll) * lag, before.pitch + (pitch - before.pitch) * lag

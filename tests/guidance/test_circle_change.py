@@ -25,8 +25,8 @@ LIMITS = CircleLimits(speed=15.0, nearest=40.0, farthest=500.0)
         (CircleRequest(speed=nan), LIMITS, "speed nan m/s outside 12 to 18 m/s"),
         (CircleRequest(speed=-15.0), LIMITS, "speed -15 m/s outside 12 to 18 m/s"),
         (CircleRequest(speed=16.0), CircleLimits(15.0, keeps_speed=True), "this autopilot holds its own airspeed"),
-        (CircleRequest(radius=42.0), LIMITS, "radius 42 m: turn rate allows 43 m"),
-        (CircleRequest(radius=55.0), CircleLimits(15.0, 40.0, turn_gain=0.7), "radius 55 m: turn rate allows 61 m"),
+        (CircleRequest(radius=42.0), LIMITS, "radius 42 m: min 43 m by turn rate"),
+        (CircleRequest(radius=55.0), CircleLimits(15.0, 40.0, turn_gain=0.7), "radius 55 m: min 61 m by turn rate"),
     ],
 )  # fmt: skip
 def test_a_circle_that_bounds_speed_or_turn_rate_forbid_is_refused_with_its_limit(request_, limits, why):

@@ -74,7 +74,7 @@ def test_direction_and_law_are_set_by_their_numbers(flying):
 @pytest.mark.parametrize(
     ("message", "reason"),
     [
-        (setting("CN_RADIUS", 5.0), "CN_RADIUS not set: radius 5 m: turn rate allows 43 m"),
+        (setting("CN_RADIUS", 5.0), "CN_RADIUS not set: radius 5 m: min 43 m by turn rate"),
         (setting("CN_RADIUS", float("nan")), "CN_RADIUS not set: not a finite number"),
         (setting("CN_RADIUS", 80.0, mavlink.MAV_PARAM_TYPE_INT32), "CN_RADIUS not set: send it as REAL32"),
         (setting("CN_DIRECTION", 0.0), "CN_DIRECTION not set: 0 is not 1 (clockwise) or -1 (counterclockwise)"),

@@ -89,10 +89,10 @@ def test_a_flight_is_as_long_as_it_was_flown_and_not_as_it_was_recorded(summary)
     flown = replace(FACTS, engaged_s=10.0, until_s=500.0, recording_problem="full")
     made = summary(facts=flown)
     assert made["flown_s"] == 490.0
-    assert made["recording_problem"] == "full; figures are of estimates up to 300 s, truth up to 300 s of 500 s"
+    assert made["recording_problem"] == "full; figures cover estimates up to 300 s, truth up to 300 s of 500 s"
     made = summarise(replace(flown, recording_problem=None), NO_TICKS, None)
     assert (made["engaged_s"], made["flown_s"], made["radius_mean_m"]) == (10.0, 490.0, None)
-    assert made["recording_problem"] == "figures are of estimates up to 0 s of 500 s"
+    assert made["recording_problem"] == "figures cover estimates up to 0 s of 500 s"
 
 
 def test_how_quiet_the_stick_was_is_that_of_the_last_third_of_what_was_steered(summary):

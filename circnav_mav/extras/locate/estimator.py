@@ -110,7 +110,7 @@ def locate(
     if _explains(place, ranges, known) and abs(place.bias) < SIGNIFICANT * place.bias_sigma:
         return place
     # Most radios measure true meters, and a free scale that is hardly observable makes the place less certain. So the
-    # scale is free only if the ranges contradict 1. The noise does not decide: a scale error looks like noise.
+    # scale is free only if the ranges contradict 1. Residuals cannot decide: a scale error looks like noise.
     free = _locate(plane, track, ranges, replace(known, scale_sigma=UNCALIBRATED), near)
     return free if isinstance(free, Place) and free.scale_found else place
 

@@ -43,10 +43,10 @@ DRIFT_MOST = 0.85
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """Prior before the first range: d = (dx, dy) +- drift (m/s), kappa = scale +- kappa.
+    """Values before the first range: drift (dx, dy) +- drift, m/s, and airspeed scale `scale` +- kappa.
 
     The drift has a heavy-tailed (Cauchy) distribution: most targets are stationary, and moving ones may be fast. With a
-    normal distribution, the hypotheses for a stationary target drifted by several m/s.
+    normal distribution, the hypotheses for a stationary target had several m/s of drift.
     """
 
     drift: float

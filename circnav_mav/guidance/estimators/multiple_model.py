@@ -4,8 +4,9 @@ SEARCH: hypotheses in all directions at the newest range, fitted to a window of 
 them explains the ranges, the flight changes to TRACKING.
 
 TRACKING: one Kalman filter per noise model (drift from steady to gusty, range error from white to drifting), weighted
-by its likelihood. A model of negligible weight restarts from the mixture of its kind. If the samples keep falling
-outside the gate, the flight searches again at once, with the existing window.
+by its likelihood. A model of negligible weight restarts from the mixture of its kind: the models that use
+accelerations, or those that do not. If the samples keep falling outside the gate, the flight searches again at once,
+with the existing window.
 
 Every array has a last axis B over flights. In a real flight B = 1.
 """

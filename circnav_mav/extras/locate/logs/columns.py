@@ -302,7 +302,7 @@ def _times(table: Table, options: ReadOptions, log: RangeLog) -> list[float]:
 
 
 def _small_unit(numbers: Sequence[float], column: Column, log: RangeLog) -> float:
-    """Return 1 for times in seconds, or the factor of a smaller unit for integers too far apart for a flight."""
+    """Return the seconds per unit of a time column: below 1 if its integers, as seconds, would be too far apart."""
     # Autopilots log milliseconds or microseconds since boot, and log converters omit the unit.
     steps = sorted(after - before for before, after in pairwise(sorted(set(numbers))))
     if len(steps) < ENOUGH or not all(number.is_integer() for number in numbers):

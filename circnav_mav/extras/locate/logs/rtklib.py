@@ -12,7 +12,7 @@ GPS_ZERO, LEAP = datetime(1980, 1, 6, tzinfo=UTC), timedelta(seconds=18)
 """GPS epoch, and leap seconds by which GPS time is ahead of UTC since 2017."""
 AHEAD = {"GPST": LEAP, "UTC": timedelta(0), "JST": timedelta(hours=9)}
 LATITUDE = "latitude(deg)"
-ANGLES = "prints its coordinates in another form: run RTKLIB with latitude, longitude and height in degrees"
+ANGLES = "prints its coordinates in another form: set RTKLIB's output to Lat/Lon/Height, decimal degrees"
 
 
 def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
