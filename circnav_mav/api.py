@@ -33,8 +33,8 @@ def tune(
 ) -> LawChoice:
     """Return a law with the default gain of a mission.
 
-    turn_lag: from a command to its turn, s. sigma: standard deviation of a range, m. rate: of the ranges, Hz. Raises
-    ValueError for an unknown law, and for a value that is impossible for a vehicle or radio.
+    turn_lag: delay from a command to its turn, s. sigma: standard deviation of a range, m. rate: rate of the ranges,
+    Hz. Raises ValueError for an unknown law, and for a value that is impossible for a vehicle or radio.
     """
     _known("law", law, LAWS)
     _check_values(orbit, turn_lag=turn_lag, sigma=sigma)
@@ -56,8 +56,8 @@ class Guidance:
         stale: float = 0.5,
     ) -> None:
         """law: name, result of `tune`, or your function. estimator: name, or your object; None: default of the law.
-        turn_lag: from a command to its turn, s. stale: age above which the newest range no longer steers, s. Raises
-        ValueError for an unknown name, and for a value that is impossible for a vehicle."""
+        turn_lag: delay from a command to its turn, s. stale: age above which the newest range no longer steers, s.
+        Raises ValueError for an unknown name, and for a value that is impossible for a vehicle."""
         _check_values(orbit, turn_lag=turn_lag, stale=stale)
         if isinstance(law, str):
             law = tune(orbit, law, turn_lag=turn_lag)
@@ -90,8 +90,8 @@ class Guidance:
         return True
 
     def move(self, own: OwnMotion) -> bool:
-        """Add own motion, at any rate. Without it only range-only laws work. Return False for a value that is not
-        finite, which is ignored."""
+        """Add own motion, at any rate. Without it only range-only laws work. Return False, and ignore the report, if a
+        value is not finite."""
         if not all(map(isfinite, (own.time, own.heading, own.turn_rate, own.airspeed))):
             return False
         self._estimator.move(own)
@@ -107,7 +107,8 @@ class Guidance:
     def command(self, now: float) -> TurnCommand | None:
         """Return the turn rate to command now, finite and within the vehicle's limit.
 
-        None without a valid estimate (too few ranges, or a stale one), and if your law returns no finite number.
+        None without a valid estimate (too few ranges, or the newest one is stale), and if your law returns no finite
+        number.
         """
         estimate = self.estimate(now)
         fresh = self._newest is not None and now - self._newest <= self._stale + SAME_TIME

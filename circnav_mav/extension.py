@@ -22,10 +22,10 @@ class Extension:
         extension, if that is installed.
     tables: pydantic models of mission tables, by the names of the tables.
     checks: functions from a mission to the check lines of the extra's tables.
-    preflight: functions from a mission to the check lines of preflight, which may listen for some seconds.
+    preflight: functions from a mission to the check lines of preflight. They may listen for some seconds.
     fly_options, emulate_options: click options that `circnav fly` and `circnav emulate` get.
-    flies, emulates: functions that replace these commands if an option of that name is given. They get all options and
-        return the exit code.
+    flies, emulates: functions that replace `circnav fly` and `circnav emulate` if an option is given, by the name of
+        this option. They get all options and return the exit code.
     onlooker: function from an `OnlookerSettings` to an `Onlooker`, or to None if this flight does not need one.
     report_section: function from a run folder to HTML for its report, empty for nothing.
     schemas: pydantic models of other files, by the names that `circnav schema` takes.

@@ -20,7 +20,7 @@ def emulate(
 
     if not 0 < speed <= 100:
         raise ConfigError(f"--speed: must be above 0 and at most 100, not {speed:g}")
-    # a flight needs this setting if the vehicle is not in real time
+    # a flight needs this setting if the vehicle does not run in real time
     how = "" if speed == 1 else f"""\n{speed:g} times real time: fly it with --set 'link.clock="autopilot"'"""
     stopped = stop_signals()
     config = load_vehicle(vehicle) if vehicle else parse_vehicle({}, "sim")

@@ -8,7 +8,7 @@ NEVER = 1 << 62
 
 
 class Agenda:
-    """Actions by key and time. Setting a key again moves it; actions due at one time run in the order of setting."""
+    """Actions by key and time. `put` replaces the action of a key. Actions due at one time run in order of `put`."""
 
     def __init__(self) -> None:
         self._heap: list[tuple[int, int, tuple[object, ...]]] = []  # due, order, key
@@ -25,7 +25,7 @@ class Agenda:
         self.put(key, first, partial(self._run, key, interval, first, action))
 
     def _run(self, key: tuple[object, ...], interval: int, due: int, action: Callable[[], object]) -> None:
-        """Run a repeated action. A method, not a closure: a copied vehicle must run its own actions."""
+        """Run a repeated action. This is a method, not a closure, because a copied vehicle must run its own actions."""
         self.put(key, due + interval, partial(self._run, key, interval, due + interval, action))
         action()
 

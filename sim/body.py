@@ -12,16 +12,16 @@ HARD_IRON = math.radians(0.2)  # amplitude of the heading error, one period per 
 
 Vector = tuple[float, float, float]
 Line = tuple[tuple[float, float], ...]
-"""Delayed commands: (seconds until it takes effect, value). The first one is in effect."""
+"""Delayed commands, each as (seconds until it takes effect, value). The first one is in effect."""
 
 
 class EstimateError(NamedTuple):
-    """Error of the autopilot's estimate, estimated minus true: velocity m/s, tilt as acceleration in g, heading rad.
+    """Error of the autopilot's estimate, estimated minus true: velocity m/s, tilt (`lean`) in g, heading rad.
 
-    Noisy gyros tilt the estimate. Gravity then looks like an acceleration, and the GPS corrects both within seconds.
-    PX4's SIH has 1 deg rms of roll error, which behaves like an oscillator of 0.32 rad/s. With it come 0.2 m/s of
-    velocity along the nose and 1.1 deg of heading. ArduPlane has 0.17 deg of roll and 0.1 deg of heading error, and
-    another 0.2 deg that depends on the heading.
+    Noisy gyros tilt the estimate. Gravity then looks like a horizontal acceleration. The GPS corrects the errors of
+    tilt and velocity within seconds. PX4's simulator SIH has 1 deg rms of roll error, which behaves like an oscillator
+    of 0.32 rad/s. It also has errors of 0.2 m/s in the velocity along the nose and of 1.1 deg in the heading. ArduPlane
+    has 0.17 deg of roll error, 0.1 deg of heading error, and another 0.2 deg that depends on the heading.
     """
 
     velocity: tuple[float, float] = (0.0, 0.0)
@@ -77,7 +77,7 @@ class Body(NamedTuple):
     slip: float = 0.0  # side-slip of a fixed wing: angle from the nose to the motion through the air, rad
     gust_slip: float = 0.0  # the part of the side-slip caused by gusts
     trimmed_wind: tuple[float, float] = (0.0, 0.0)  # wind that the vehicle is trimmed for; the rest is a gust
-    error: EstimateError = EstimateError()  # the reports and the control loops contain it
+    error: EstimateError = EstimateError()  # contained in the reports and in the inputs of the control loops
     on_the_way: Line = ()  # commands within the dead time (see through_line)
 
     @property
@@ -161,7 +161,7 @@ def at_most(first: float, second: float, most: float) -> tuple[float, float]:
 
 
 def lean(north: float, east: float, heading: float) -> tuple[float, float]:
-    """Return roll and pitch of a copter with this horizontal acceleration of its thrust, m/s^2."""
+    """Return roll and pitch of a copter whose thrust accelerates it horizontally by this vector, m/s^2."""
     cos, sin = math.cos(heading), math.sin(heading)
     return math.atan((east * cos - north * sin) / GRAVITY), -math.atan((north * cos + east * sin) / GRAVITY)
 
@@ -193,5 +193,5 @@ def through_line(line: Line, command: float, dead_time: float, h: float) -> Line
 
 
 def second_order(error: float, rate: float, frequency: float, damping: float, h: float) -> float:
-    """Return the rate `h` seconds later of a second-order loop that takes `error` to zero. frequency: rad/s."""
+    """Return the rate after `h` seconds in a second-order loop that takes `error` to zero. frequency: rad/s."""
     return rate + (frequency**2 * error - 2 * damping * frequency * rate) * h

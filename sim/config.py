@@ -223,7 +223,7 @@ class VehicleConfig(Table):
 
     @property
     def attitude_error(self) -> float:
-        """Rms of the estimated roll, rad."""
+        """Rms error of the estimated roll, rad."""
         given, ideal = self.sensors.attitude_error_deg, self.vehicle.dynamics == "unicycle"
         default = 0.0 if ideal else ATTITUDE_ERROR_DEG.get(self.vehicle.profile, 0.0)
         return math.radians(default if given is None else given)

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 
 class BodyVelocity(NamedTuple):
-    """Velocity in body axes, which turns with the nose (the unicycle)."""
+    """Velocity in body axes. On a unicycle it turns with the nose."""
 
     forward: float
     right: float = 0.0
@@ -31,9 +31,9 @@ class Brake(NamedTuple):
 
 
 class Tilt(NamedTuple):
-    """Attitude. The nose turns to `heading`, if given, and on at `yaw_rate`.
+    """Attitude. The nose turns to `heading`, if given; `yaw_rate` is added to that turn.
 
-    Height is controlled by a climb rate. With a raw thrust (0 to 1) the sender has to control it.
+    The autopilot flies the climb rate `climb`. With a raw `thrust` (0 to 1), the sender has to control the height.
     """
 
     roll: float

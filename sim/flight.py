@@ -80,7 +80,7 @@ class Flight:
         size, drift = config.sensors.gps_error_m, config.sensors.dead_reckoning_mps
         self._gps_error = self._position_rng.gauss(0.0, size), self._position_rng.gauss(0.0, size)
         self._lost_drift = self._position_rng.gauss(0.0, drift), self._position_rng.gauss(0.0, drift)
-        self.position_error = self._gps_error  # reported less true, north and east, m
+        self.position_error = self._gps_error  # reported minus true, north and east, m
         self.spoofed = 0.0  # speed at which the reported position moves north, m/s
 
     def run(self, until: int) -> None:

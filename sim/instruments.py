@@ -8,7 +8,7 @@ from .config import Sensors
 
 CLIP_MPS2 = 8.0  # below 1 g, so that the vertical axis clips in level flight
 VIBRATION_HZ = 73.0  # vibration of a motor; a stream of 50 Hz contains its alias
-ACCEL_OF_SIH, GYRO_OF_SIH = (0.36, 1.15, 0.99), (0.084, 0.042, 0.0185)  # rms as sent, m/s^2 and rad/s
+ACCEL_OF_SIH, GYRO_OF_SIH = (0.36, 1.15, 0.99), (0.084, 0.042, 0.0185)  # rms noise of sent values, m/s^2, rad/s
 PHASES = (0.0, 2.1, 4.2)  # phases of the vibration in the three axes, rad
 
 
@@ -16,7 +16,7 @@ class Instruments:
     """Errors of compass, gyros, airspeed and accelerometers. They affect only the reported values."""
 
     def __init__(self, config: Sensors, seed: int, sih: bool) -> None:
-        """sih: if the file gives no noise, use that of PX4's SIH."""
+        """sih: True to use the noise of PX4's simulator SIH if the file gives none."""
         self._config = config
         accel, gyro = config.accel_noise_mps2, config.gyro_noise_deg_s
         self._accel_noise = (ACCEL_OF_SIH if sih else (0.2,) * 3) if accel is None else (accel,) * 3

@@ -40,7 +40,7 @@ class Link:
         self.silent = False
 
     def messages(self, data: bytes, *, stream: bool) -> list[Message]:
-        """Parse bytes. A datagram resets the parser: a stray byte must not consume later frames. A stream continues."""
+        """Parse bytes. A datagram resets the parser: a stray byte must not consume later frames. A stream does not."""
         if not stream:
             self._in.buf = bytearray()
             self._in.buf_index = 0
@@ -52,7 +52,7 @@ class Link:
         return message.get_msgId() >= 0 and (self._version == 2 or message.get_msgbuf()[0] != V2_MARKER)
 
     def frame(self, message: Message) -> bytes | None:
-        """Pack the next frame of this sender. Return None if this MAVLink version cannot carry the message."""
+        """Pack the next frame of this sender. Return None if this MAVLink version or a field cannot carry it."""
         if self._version == 1 and message.get_msgId() > V1_LARGEST_ID:
             return None
         self._signing.prepare(self._out)

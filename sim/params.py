@@ -44,7 +44,7 @@ class Parameters(dict[str, float]):
         return self._message(found, NOT_IN_LIST) if found else None
 
     def write(self, name: str, wire_value: float) -> Message | None:
-        """Set a parameter from its wire value. Return the message with its new value; None if it does not exist."""
+        """Set a parameter from its wire value. Return the message with its value now; None if the name is unknown."""
         found = self._find(name)
         if found is None:
             return None

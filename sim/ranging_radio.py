@@ -1,4 +1,4 @@
-"""The ranging radio: samples at its rate and sends one of three messages. It can be muted.
+"""The ranging radio: samples at its rate and sends each sample as one of three messages. It can be muted.
 
 The messages carry centimeters, millimeters or meters as a float, with the time of the measurement.
 """
@@ -98,7 +98,7 @@ def named_value(config: Ranging, sample: Sample) -> Message:
 
 
 def named_rate(config: Ranging, sample: Sample) -> Message:
-    """Return the range rate, under its own name, with the timestamp of the range that follows it."""
+    """Return a message of the range rate under its own name, with the timestamp of the range that is sent next."""
     rate, name = sample.rate if config.rate_sign == "opening" else -sample.rate, config.rate_name or ""
     return mavlink.MAVLink_named_value_float_message(_stamp_ms(config, sample), name.encode(), rate)
 

@@ -10,7 +10,7 @@ LONGEST_NAME = 10
 
 
 class ConfigError(ValueError):
-    """Invalid vehicle file: one line with the file, the key and the remedy."""
+    """Invalid vehicle file. The message is one line with the file, the key and the remedy."""
 
 
 class Table(BaseModel):
@@ -34,7 +34,7 @@ def _ordered(pair: tuple[float, float]) -> tuple[float, float]:
 
 _NUMBERS = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
 Interval = Annotated[tuple[float, float], Field(strict=False), AfterValidator(_ordered), WithJsonSchema(_NUMBERS)]
-"""Lower and upper bound; TOML has lists, no tuples."""
+"""Lower and upper bound. Not strict, because TOML has lists and no tuples."""
 
 
 def _fits(name: str) -> str:

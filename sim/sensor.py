@@ -19,7 +19,7 @@ class Character:
     near_bias: float = 0.0  # bias at zero range; it falls to 0 at `near`
     near: float = 30.0
     gap_rate: float = 0.0  # gaps per second beyond 0.85 of the maximum range
-    gap: float = 2.0  # s
+    gap: float = 2.0  # length of a gap, s
 
 
 # From guidance literature on ultra-wideband and on 2.4 GHz LoRa ranging (SX1280).
@@ -40,7 +40,7 @@ class Sample(NamedTuple):
 
 
 class RangeSensor:
-    """Noise, drift, bias, outliers, dropouts, gaps and maximum range. The draws do not depend on the settings."""
+    """Noise, drift, bias, outliers, dropouts, gaps and maximum range. Random draws do not depend on the settings."""
 
     def __init__(self, config: Ranging, seed: int) -> None:
         self._config = config

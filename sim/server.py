@@ -10,7 +10,7 @@ from .vehicle import MAIN, RANGING, Vehicle
 from .wires import EndpointError, Wire, open_wire, parse_endpoint
 
 LONGEST_SLEEP = 0.25  # s of wall time: largest delay until a signal or the end of the flight is noticed
-LATE = 0.2  # lag of the simulated time that is reported, s
+LATE = 0.2  # lag of the simulated time above which it is reported, s
 MAX_CATCH_UP = 0.5  # most simulated time that is made up in one step, s
 REPORT_EVERY = 10.0  # wall time between two reports of the lag, s
 
@@ -85,7 +85,7 @@ def _fly(
 
 
 def _send(vehicle: Vehicle, wires: dict[str, Wire]) -> None:
-    """Send the vehicle's frames. Links are named after their wire: main, main-2. Ranging links get equal frames."""
+    """Send the vehicle's frames. Links are named after their wire: main, main-2. Ranging links get the same frames."""
     ranging = vehicle.outgoing(RANGING) if RANGING in wires else []
     for link in vehicle.links:
         if link != RANGING:

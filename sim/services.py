@@ -44,7 +44,7 @@ class Streams:
                 self.run(link, number, interval)
 
     def ask(self, link: Link, number: int, interval: float, say: Say) -> int:
-        """Handle MAV_CMD_SET_MESSAGE_INTERVAL (microseconds) and return the ack."""
+        """Handle MAV_CMD_SET_MESSAGE_INTERVAL and return the ack. interval: microseconds."""
         identity = self._flight.autopilot.identity
         refused = number not in identity.streamable
         if refused and identity.autopilot != PX4:
@@ -100,7 +100,7 @@ class Streams:
 
 
 class Services:
-    """Handlers of one message at a time. They answer on its link."""
+    """Handlers of service messages. Each answers on the link that the message came from."""
 
     def __init__(self, flight: Flight, streams: Streams, say: Say) -> None:
         self._flight = flight
@@ -122,7 +122,7 @@ class Services:
         }
 
     def answer(self, message: Message, link: Link) -> bool:
-        """Handle a message of these services. Return False if it is of none."""
+        """Handle a message of these services. Return False if it belongs to none of them."""
         action = self._actions.get(message.get_type())
         if action is not None:
             action(message, link)
@@ -169,7 +169,7 @@ class Services:
         link.send(mavlink.MAVLink_mission_count_message(*_sender(message), 0, message.mission_type))
 
     def _mission_change(self, message: Message, link: Link) -> None:
-        """Accept to clear the mission or to upload an empty one. Refuse any other upload: missions are not stored."""
+        """Accept clearing the mission and uploading an empty one. Refuse any other upload: missions are not stored."""
         result = MISSION_UNSUPPORTED if getattr(message, "count", 0) else MISSION_ACCEPTED
         link.send(mavlink.MAVLink_mission_ack_message(*_sender(message), result, message.mission_type))
 

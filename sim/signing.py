@@ -1,4 +1,4 @@
-"""Message signing of autopilots. pymavlink signs; received frames are checked as in the autopilots' C library.
+"""Message signing of autopilots. pymavlink signs frames. Received ones are checked as in the autopilots' C library.
 
 Source: mavlink_signature_check (mavlink_helpers.h), ArduPilot's GCS_Signing.cpp, PX4's message_signing.md.
 """
@@ -48,7 +48,7 @@ class FrameSigning:
     def accepts(self, message: mavlink.MAVLink_message) -> bool:
         """True if the autopilot accepts a message.
 
-        A valid signature always advances the timestamp, even of a message that needs none (mavlink_helpers.h,
+        A valid signature always advances the timestamp, even on a message that needs no signature (mavlink_helpers.h,
         accept_unsigned_callback).
         """
         if self._key is None:

@@ -10,7 +10,7 @@ from .schema import Interval
 ALTITUDE_M = {"arduplane": 100.0, "px4_plane": 100.0, "ardurover": 0.0}
 CRUISE_MPS = {"arduplane": 22.0, "px4_plane": 10.0}
 AIRSPEED_SCALE = {"arduplane": 1.065, "px4_plane": 1.033}
-"""True over indicated airspeed at 684 m above sea level. ArduPilot's simulator applies the air density twice."""
+"""Ratio of true to indicated airspeed at 684 m above sea level. ArduPilot's simulator applies the air density twice."""
 
 
 def starting_body(config: VehicleConfig, wind: tuple[float, float]) -> Body:

@@ -128,7 +128,7 @@ def extended_sys_state(flight: Flight) -> Message:
 
 
 def distance_sensor(flight: Flight) -> Message | None:
-    """Range of the autopilot's driver. ArduPilot repeats the last one, stamped at sending, until it is 0.45 s old."""
+    """Range in the rangefinder driver. ArduPilot repeats the last range, stamped at sending, until it is 0.45 s old."""
     sample = flight.latest_range()
     if sample is None:
         return None
@@ -166,7 +166,7 @@ def timesync(flight: Flight) -> Message:
 
 
 def nav_controller_output(flight: Flight) -> Message | None:
-    """Commanded bank of a plane after its limits."""
+    """Commanded bank of a plane, already limited."""
     roll = flight.autopilot.commanded_roll()
     if roll is None:
         return None
@@ -176,7 +176,7 @@ def nav_controller_output(flight: Flight) -> Message | None:
 def position_target_local_ned(flight: Flight) -> Message | None:
     """Velocity setpoint that a copter flies, earth frame.
 
-    ArduCopter 4.6 adds the acceleration that is fed forward and no yaw rate; PX4 adds the yaw rate.
+    ArduCopter 4.6 also reports the acceleration that is fed forward, but no yaw rate. PX4 reports both.
     """
     flown, pilot = flight.autopilot.flown(), flight.autopilot
     fed = (0.0, 0.0)
@@ -209,7 +209,7 @@ def attitude_target(flight: Flight) -> Message | None:
 
 
 def wind(flight: Flight) -> Message | None:
-    """Wind, from a vehicle that controls its airspeed; direction in degrees that it comes from."""
+    """Wind speed, and direction that it comes from, degrees. Only vehicles that control their airspeed send it."""
     if flight.body.air_speed == 0:
         return None
     north, east = flight.air.velocity
@@ -229,7 +229,7 @@ def sim_state(flight: Flight) -> Message:
 
 
 def truth_array(flight: Flight) -> Message:
-    """DEBUG_FLOAT_ARRAY with Truth's north to wind_east and then its time; SI, radians, NED from home."""
+    """DEBUG_FLOAT_ARRAY with the fields north to wind_east of `Truth`, then its time; SI, radians, NED from home."""
     t = flight.truth()
     values = [*t[1:4], math.remainder(t.heading, math.tau), *t[5:16], t.time]
     return mavlink.MAVLink_debug_float_array_message(flight.now, b"SIM_TRUTH", 0, values + [0.0] * 42)

@@ -63,7 +63,7 @@ class Vehicle:
         self._schedule_world()
 
     def receive(self, data: bytes, link: str = MAIN, *, stream: bool = False) -> None:
-        """Handle one datagram, or a piece of a stream, of a link at the current simulated time. Never raises."""
+        """Handle one datagram, or a piece of a stream, from a link at the current simulated time. Never raises."""
         source = self._link(link)
         for message in source.messages(data, stream=stream):
             if self._signing.accepts(message):
@@ -125,7 +125,7 @@ class Vehicle:
         elif not self._services.answer(message, source):
             if kind == "HEARTBEAT" and message.type == TYPE_GCS:
                 source.has_gcs = True
-            # PX4 passes a received DISTANCE_SENSOR to its rangefinder driver, which sends it to other links as its own.
+            # PX4 passes a received DISTANCE_SENSOR to its rangefinder driver, which sends it on all links as its own.
             if kind == "DISTANCE_SENSOR" and flight.autopilot.identity.ranges_on_update:
                 self._driver(Sample(flight.now, message.current_distance / 100, 0))
             flight.autopilot.on_message(message, flight.now)
@@ -147,7 +147,7 @@ class Vehicle:
         """Send a STATUSTEXT; a long text in numbered chunks with one id."""
         data = text.encode()
         number = 0 if len(data) <= TEXT_LENGTH else next(self._text_ids)
-        starts = range(0, len(data) + (number > 0), TEXT_LENGTH)  # the last one has room for a final zero
+        starts = range(0, len(data) + (number > 0), TEXT_LENGTH)  # the last chunk has room for a final zero byte
         for link in self._autopilot_links():
             if link.has_gcs or not self._flight.autopilot.identity.texts_for_gcs_only:
                 for chunk, at in enumerate(starts):
@@ -201,7 +201,7 @@ class Vehicle:
             flight.autopilot.on_event(event, flight.now)
 
     def _reboot(self, seconds: float) -> None:
-        """Stop for `seconds`, then restart the autopilot without routes and streams and with its clock at zero."""
+        """Stop for `seconds`, then restart the autopilot: clock at zero, no routes, only the default streams."""
         self._rebooting = True
         self._flight.reboot()
         self._signing.reboot()

@@ -123,7 +123,7 @@ class TcpWire:
         try:
             connection.sendall(b"".join(frames))
         except OSError:
-            self._drop(link)  # closed, or so slow that a frame was cut: it has to reconnect
+            self._drop(link)  # closed, or so slow that a frame was cut: the peer has to reconnect
 
     def links(self) -> list[str]:
         return list(self._open)
@@ -156,7 +156,7 @@ Wire = UdpWire | TcpWire
 
 
 def open_wire(endpoint: Endpoint, first: str, most_peers: int = MOST_PEERS) -> Wire:
-    """Open an endpoint. Raises EndpointError, in one line."""
+    """Open an endpoint. Raises EndpointError."""
     try:
         return TcpWire(endpoint, first) if endpoint.kind == "tcpin" else UdpWire(endpoint, first, most_peers)
     except OSError as error:

@@ -1,4 +1,5 @@
-"""The command line: commands, printing, exit codes. Nothing else prints or exits.
+"""The command line: commands, printing, exit codes. Only the display of a flight prints elsewhere, and nothing else
+exits.
 
 The commands are described here and carried out in modules of their own, loaded when a command runs, so that
 `circnav --help` does not wait for numpy and filterpy.

@@ -28,11 +28,12 @@ FLIES = {
     for (autopilot, kind), vehicle in AUTOPILOTS.items()
     for profile in vehicle.bundled
 }
-"""Autopilot and vehicle kind that each profile emulates."""
+"""Autopilot and vehicle kind that each profile of the bundled vehicle emulates."""
 INDENT = 20
 """Columns of grade and subject before the text of a check line."""
 SPEED_OFF = 0.05
-"""Largest difference of the bundled plane's cruise speed from the mission's, as a fraction of it."""
+"""Largest accepted difference of the bundled plane's cruise speed from the mission's speed, as a fraction of that
+speed."""
 
 
 def read_mission(path: str, overrides: tuple[str, ...]) -> Mission:
@@ -100,7 +101,7 @@ def show_checks(lines: list[Check]) -> None:
 
 
 def _misfits(mission: Mission, config: VehicleConfig) -> Iterator[tuple[Grade, str]]:
-    """Yield what in the [sim] table does not fit the mission, with its grade."""
+    """Yield grade and text for each value of the [sim] table that does not fit the mission."""
     wanted, profile = mission.file.vehicle, config.vehicle.profile
     autopilot, kind = FLIES[profile]
     if kind != wanted.kind or wanted.autopilot not in ("auto", autopilot):

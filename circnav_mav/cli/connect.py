@@ -80,7 +80,8 @@ def start_clock(
     if mission.flies_sim and mission.file.sim is not None:
         vehicle = Vehicle(parse_vehicle(mission.file.sim, "sim"))
         clock = Lockstep(vehicle, mission.run_speed(speed, pace), others=bool(links))
-        # Set once only: fast simulated time would move signature timestamps, and the stored one of our key, far ahead.
+        # Set the vehicle's Unix time only once. If it followed fast simulated time, the timestamps of signatures,
+        # including the one stored with our key, would run far ahead.
         vehicle.set_time(clock.epoch_us / 1e6)
         links.update(clock.links(ranging_apart=mission.file.ranging.endpoint == SIM))
         return clock

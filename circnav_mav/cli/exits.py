@@ -70,8 +70,8 @@ def refusing(place: str | Path, *kinds: type[Exception]) -> Iterator[None]:
 
 
 def mind_output() -> None:
-    """Make a failed write to standard output, such as on a full disk, raise Refused, and ignore one to standard error.
-    Characters that the output cannot encode are escaped."""
+    """Let a failed write to standard output, such as on a full disk, raise Refused. Ignore failed writes to standard
+    error. Characters that the output cannot encode are escaped."""
     sys.stdout, sys.stderr = _onto(_RaisingErrors, sys.stdout), _onto(_IgnoringErrors, sys.stderr)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -112,7 +112,8 @@ class _RaisingErrors(io.FileIO):
 
 
 def _onto(kind: type[io.FileIO], stream: TextIO) -> TextIO:
-    """Return the stream on an output file of this class. A stream without a file is returned unchanged."""
+    """Return a stream like this one, but with an output file of this class. A stream without a file is returned
+    unchanged."""
     if not isinstance(stream, io.TextIOWrapper):
         return stream
     try:

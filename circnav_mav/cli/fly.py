@@ -38,8 +38,8 @@ EXITS = {
     Ending.INTERRUPTED: Exit.INTERRUPTED,
 }
 MOST_WATCHED = 10.0
-"""Simulation speed, times real time, up to which the refresh rate of the display is constant. Above it, the
-interval is constant in run time."""
+"""Simulation speed, times real time, up to which the display is refreshed at a constant rate in real time. Above it,
+the rate is constant in run time."""
 RECORDED = ("flight.tlog", STEPS, OLD_STEPS, "ticks.csv", "summary.json", "manifest.json")
 """Files by which a folder is recognized as a recorded flight."""
 
@@ -82,7 +82,7 @@ def fly_mission(
             onlookers.start(clock.epoch_us)
             write_manifest(folder, mission, pilot, clock.epoch_us)
             # With the bundled vehicle, load the plotting packages (1 s) during the flight. For a real flight, start
-            # this process only at its end: a companion computer must send setpoints, and has little memory.
+            # the drawing only at the end: a companion computer must send setpoints, and has little memory.
             drawing = Drawing(folder) if isinstance(clock, Lockstep) else None
             alarms = AlarmLog(pilot, onlookers)
             display = display_for(Console(), pilot, onlookers, mission.file.name, min(clock.speed, MOST_WATCHED))
@@ -144,7 +144,8 @@ def _recorder(out: str | None, mission: Mission) -> Recorder:
 
 
 def _crash_of(loop: Callable[[], None], pilot: Pilot, links: dict[str, Link], clock: Clock, folder: Path) -> str | None:
-    """Run to the end. After an exception, send a safe setpoint and return its description, else None."""
+    """Run to the end and return None. After an exception, send a safe setpoint and return a description of the
+    exception."""
     try:
         loop()
     except BaseException as error:  # includes sys.exit() in another package

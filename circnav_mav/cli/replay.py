@@ -43,7 +43,7 @@ TICKS, PICTURE = "ticks.csv", "replay.png"
 LAST_DIGIT = 1e-6
 """Resolution of numbers in ticks.csv. Smaller differences are rounding."""
 MOST_NAMED = 6
-"""Senders that are listed before "and more": a ground station may plot dozens of values."""
+"""Maximum number of senders listed before "and more". A log may hold dozens: one for each value that is plotted."""
 
 
 def replay_log(
@@ -72,7 +72,7 @@ def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str 
     own = str(run.folder / "mission.toml")
     parse = partial(load_mission, other) if other else partial(parse_mission, run.mission_text, own)
     mission = _mission(other or own, parse, overrides)
-    if other or overrides:  # not as flown: an older version may have had other checks
+    if other or overrides:  # a mission as flown is not checked: an older version may have had other checks
         refuse_failing(other or own, mission, shown=())
     try:
         output_mode = OutputMode(run.output_mode)
@@ -122,8 +122,8 @@ def _replay_plain(log: str, path: str | None, overrides: Sequence[str], out: str
 def _replayed(
     name: Path, pilot: Pilot, steps: Iterable[LoopStep], *, empty: str, ticking: bool = False
 ) -> ReplayResult:
-    """Replay and print the amount. ticking: True for a plain log. empty: message for no steps. Raises
-    Refused."""
+    """Replay, and print how much was replayed. ticking: True for a plain tlog. empty: message for a log without steps.
+    Raises Refused."""
     began = time.perf_counter()
     done = replay(pilot, steps, ticking=ticking)
     took = time.perf_counter() - began

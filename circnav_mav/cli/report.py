@@ -26,7 +26,7 @@ READ_BACK = {field.name for field in fields(FlightFacts)} | {"flown_s", "alarms"
 
 def report_run(folder: str, after_flight: bool) -> int:
     """Write report.html and flight.png into a run folder. Raises Refused. after_flight: wait for a line on standard
-    input, then draw. If one file fails, print a line and continue."""
+    input, then draw, and only print a line for a file that fails."""
     if after_flight:
         return _report_flight(folder) if sys.stdin.readline() else Exit.DONE
     with refusing(folder, RunError, MissionError):

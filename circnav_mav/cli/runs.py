@@ -23,7 +23,8 @@ MADE = NEEDED | {STEPS, OLD_STEPS, "manifest.json", "summary.json", "error.txt",
 
 
 class RunFolder(NamedTuple):
-    """Run folder. written: s since 1970. size: bytes. kept: reason not to delete it at any age, else empty."""
+    """Run folder. written: time of the last write to flight.tlog, s since 1970. size: bytes. kept: reason not to delete
+    it at any age, else empty."""
 
     folder: Path
     written: float
@@ -53,7 +54,7 @@ def clean_runs(folder: str, older_than: str, keep: int, yes: bool) -> int:
 
 
 def find_runs(folder: Path) -> list[RunFolder]:
-    """Return the run folders directly in a folder, without links. Raises OSError."""
+    """Return the run folders directly in a folder, ignoring links. Raises OSError."""
     found, made = [], MADE.union(*(extension.files for extension in extensions()))
     for place in folder.iterdir():
         if place.is_symlink() or not place.is_dir():

@@ -7,7 +7,7 @@ from circnav_mav.mav.ranging.interface import OTHERS, describe_rejected
 from circnav_mav.pilot.conditions import CLOCK_SPEED, LIMIT_CYCLE
 
 NOTABLE = 1.0
-"""Time under the operator's control, s, from which it is reported."""
+"""Time not steered by circnav, s, above which the steered time is reported."""
 
 
 def verdict(summary: dict[str, Any], folder: Path) -> str:

@@ -22,8 +22,8 @@ class BankLimit(NamedTuple):
     """Detects an autopilot's bank limit below that of the mission: the bank stays constant below the commanded one.
 
     time, heading: of the newest report, s, rad. since: when the vehicle last followed or rolled, s. short: True if it
-    banks less than commanded now. stood: time at the limit, s. banked, turned: turn during that time, rad, from the
-    coordinated turn of the bank, and of the nose.
+    banks less than commanded now. stood: time at the limit, s. banked, turned: turn during that time, rad: coordinated
+    turn of the bank, and turn of the nose.
     """
 
     time: float = inf

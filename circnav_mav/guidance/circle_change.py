@@ -10,17 +10,17 @@ from typing import NamedTuple
 from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate, TurnRate
 
 LAPS = 1.25
-"""Laps on each circle of a mission's list: one lap, and the path into the band of NEAR."""
+"""Laps on each circle of a mission's list: one lap, and the last part of the approach, inside the band of NEAR."""
 NEAR = 0.1
 """Radius error, in units of the radius, within which a turn counts as flown on the circle."""
 LONGEST_STEP = 0.2
 """Longest time between two steps that is counted, s: the turn during a gap is unknown."""
 MIN_INTERVAL = 0.1
-"""Shortest time between two requests, s: a fleet adjusts its spacing at half this rate at most."""
+"""Shortest time between two requests, s: a fleet adjusts its spacing at most half as often."""
 MAX_OFFSET_SHARE = 0.3
 """Largest offset from the circle, in units of its radius: the spacing of a fleet, not another circle."""
 SPEED_SHARE = 0.2
-"""Largest change of the mission's speed, as a share of it: up to there the mission's checks are about as valid."""
+"""Largest change of the mission's speed, as a share of it. Within it, the mission's checks remain about valid."""
 
 
 class CircleRequest(NamedTuple):

@@ -36,7 +36,7 @@ class ClosedLoop:
         """Time, s, and range, m, of the last steered step."""
 
     def change(self, orbit: Orbit, law: LawChoice, *, keeps_trim: bool) -> None:
-        """Fly another circle from now on. Raises ValueError as above, and then keeps the circle."""
+        """Fly another circle from now on. Raises ValueError as `__init__`, and then keeps the circle."""
         assert isinstance(self._steer, Steering)
         self._steer.change(orbit, law)
         self.orbit, self._trim = orbit, self._trim if keeps_trim else 0.0

@@ -5,9 +5,10 @@ turns at the limit earlier. Its radius error is small everywhere: outside before
 
     turn of the nose = t - (t (e + e'') + t' e')/r_d <= limit,   t = v_g^2/(r_d V cos(crab))
 
-e, t: radius error, and turn that the circle requires, as functions of the angle about the target. The equation is
-linear. The term t' e' accounts for a course that is not tangent to the circle. The least mean square of e over time
-under this condition is a least-distance problem (Lawson, Hanson, Solving Least Squares Problems, ch. 23).
+e: radius error. t: turn rate that the circle requires. v_g: ground speed. All are functions of the angle about the
+target; primes are derivatives by this angle. The inequality is linear in e. The term t' e' accounts for a course that
+is not tangent to the circle. The least mean square of e over time under this condition is a least-distance problem
+(Lawson, Hanson, Solving Least Squares Problems, ch. 23).
 """
 
 from functools import lru_cache
@@ -27,8 +28,8 @@ DRIFT_STEP, LIMIT_STEP = 1 / 200, 1 / 400
 """Grid of planned laps: drift in units of V, turn-rate limit in units of V/r_d. The estimates vary more than a cell."""
 SURE = 0.99
 """Share of the turn-rate limit that a lap uses. The estimates of limit, drift and airspeed have a joint error of 1 %. A
-lap that demands too much ends farther outside: the worst of three ArduPlane flights held 1.50 m with 1, 1.06 m with
-0.99."""
+lap that demands too much ends farther outside: the worst of three ArduPlane flights was off by 1.50 m with 1, by
+1.06 m with 0.99."""
 MOST_DRIFT = 0.9
 """Largest drift for which a lap is planned, in units of V."""
 MOST_OFFSET = 0.2

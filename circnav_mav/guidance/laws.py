@@ -34,12 +34,13 @@ class Kind(Enum):
 
 
 def smooth_gain_bound(r_d: float) -> float:
-    """Bound of law 1's gain, 1/m^2: k > 1/(2 r_d^2) converges from every state (theorem `circular`)."""
+    """Bound of law 1's gain, 1/m^2: the law converges from every state for k > 1/(2 r_d^2) (theorem `circular`)."""
     return 1 / (2 * r_d**2)
 
 
 def switching_gain_bound(V: float, r_d: float) -> float:
-    """Bound of law 2's gain, rad/s: k > V/r_d converges from every state (theorem `circular-sign-version`)."""
+    """Bound of law 2's gain, rad/s: the law converges from every state for k > V/r_d (theorem
+    `circular-sign-version`)."""
     return V / r_d
 
 
@@ -62,7 +63,8 @@ def corrected_radius(r_d: float, k: float) -> float:
 def max_range_acceleration(V: Number, max_turn_rate: Number, r: Number) -> Number:
     """Return the bound of |r''| = |V sin(theta_b) theta_b'| <= V^2/r + V omega_max, m/s^2.
 
-    Below the radius of the tightest turn, V/omega_max, the first term keeps its value there.
+    theta_b: bearing of the target from the heading. At ranges below V/omega_max, the radius of the tightest turn, the
+    first term keeps its value at that radius.
     """
     return V**2 / maximum(r, V / max_turn_rate) + V * max_turn_rate
 
@@ -76,10 +78,11 @@ def rate_gain(V: Number, r_d: Number, lag: Number) -> Number:
 
 
 def tolerated_drift(V: float, r_d: float, max_turn_rate: float) -> float:
-    """Return the largest drift W, m/s, in which the circle can be held, below V; negative if not even in still air.
+    """Return the largest drift W (m/s, below V) in which the circle can be held; negative if not even in still air.
 
     (V + W)^2/(V omega_max) <= r_d: at the most downwind point the ground speed is V + W, and the turn of the course is
-    V/(V + W) times that of the nose. max_turn_rate: reached by the vehicle, rad/s. Derived; necessary for every law.
+    V/(V + W) times that of the nose. max_turn_rate: reached by the vehicle, rad/s. This condition is derived, and is
+    necessary for every law.
     """
     return min(sqrt(r_d * V * max_turn_rate) - V, 0.99 * V)
 
@@ -87,8 +90,8 @@ def tolerated_drift(V: float, r_d: float, max_turn_rate: float) -> float:
 def settling_time(r: float, V: float, r_d: float, max_turn_rate: float) -> float:
     """Return the worst-case time, s, to the circle from range r (m) in still air.
 
-    Dubins path: half a turn, then the tangent (inside: outward), pi/omega_max + sqrt(r^2 - r_d^2)/V. A prediction for
-    `check`, not a bound.
+    Dubins path: half a turn, then the tangent to the circle: pi/omega_max + sqrt(r^2 - r_d^2)/V. From inside, the
+    straight way is r_d - r. A prediction for `circnav check`, not a bound.
     """
     way = sqrt(r**2 - r_d**2) if r > r_d else r_d - r
     return np.pi / max_turn_rate + way / V
@@ -115,8 +118,9 @@ def _tangent_rate(r: Number, V: Number, r_d: Number) -> Number:
 class Law:
     """A law and its properties for missions and their checks.
 
-    default_gain: (V, r_d, lag of the loop in s) -> magnitude of k. gain_bound: (V, r_d) -> magnitude of k, exclusive.
-    reached_radius: (V, r_d, k) -> radius flown when fed r_d. fed_radius: the r_d to feed to fly a given radius.
+    default_gain: (V, r_d, lag of the loop in s) -> magnitude of k. gain_bound: (V, r_d) -> bound that the magnitude of
+    k must exceed. reached_radius: (V, r_d, k) -> radius flown when fed r_d. fed_radius: (V, r_d, k) -> radius to feed
+    so that r_d is flown.
     """
 
     name: str
@@ -152,8 +156,8 @@ def bounded(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> N
     """omega = k [r' + V sqrt(1 - (r_s/r)^2)] outside r_s = sqrt(r_d^2 - 1/k^2), k [r' - V sqrt(1 - (r/r_s)^2)] inside.
 
     k > 1/r_d, in 1/m; exact radius, |omega| <= 2 k V. Source: Cao, "UAV circumnavigating an unknown target under a
-    GPS-denied environment with range-only measurements", Automatica 55 (2015); inside in its two-sided form.
-    A trim can make r_d < 1/k. Then r_s = 0 applies, the smallest circle of this k.
+    GPS-denied environment with range-only measurements", Automatica 55 (2015); inside r_s, the law's two-sided
+    form. A trim can make r_d < 1/k. Then r_s = 0 applies, and the law flies its smallest circle, of radius 1/k.
     """
     r_s = sqrt(maximum(r_d**2 - 1 / k**2, 1e-12))  # above 0: a divisor below
     outside = V * sqrt(maximum(1 - (r_s / maximum(r, 1e-6)) ** 2, 0.0))
@@ -178,8 +182,8 @@ def relay(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Num
 def pd(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
     """omega = V/r_d + k_p sat(e) + k r'. k in rad/m; k_p = k^2 V/4, for a damping of 1.
 
-    Source: Dong, You, Xie, Hu, coordinate-free circumnavigation with range-based PD control. Far out r' settles to
-    k_p e_max/k + V/(r_d k): e is limited to the e_max that demands half the speed.
+    Source: Dong, You, Xie, Hu, coordinate-free circumnavigation with range-based PD control. e = r - r_d is limited to
+    +-e_max, with k_p e_max/k = V/2. Far out, the approach speed -r' settles to k_p e_max/k + V/(r_d k).
     """
     k_p = k**2 * V / 4
     e_max = k * 0.5 * V / k_p
@@ -188,11 +192,11 @@ def pd(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number
 
 @counterclockwise
 def feedforward(r: Number, r_dot: Number, *, V: Number, r_d: Number, k: Number) -> Number:
-    """omega = sqrt(V^2 - r'^2)/max(r, 0.43 r_d) + k (r' + chi), chi = v* tanh(gamma e/v*). k in rad/m.
+    """omega = sqrt(V^2 - r'^2)/max(r, 0.43 r_d) + k (r' + chi), chi = v* tanh(gamma e/v*), e = r - r_d.
 
-    The first term is the turn of the circle through the present point, so the radius has no bias for any k. With
-    v* = 0.55 V the approach is flyable in a wind of 0.3 V. gamma = k V/6; condition: gamma <= k V/4 (damping at least
-    1) and k V (course lag + filter lag) < about 0.5. Derived for this product.
+    k in rad/m. The first term is the turn of the circle through the present point, so the radius has no bias for any
+    k. With v* = 0.55 V the approach is flyable in a wind of 0.3 V. gamma = k V/6; condition: gamma <= k V/4 (damping at
+    least 1) and k V (course lag + filter lag) below about 0.5. Derived for this product.
     """
     gamma, v_star = k * V / 6, 0.55 * V
     chi = v_star * tanh(gamma * (r - r_d) / v_star)
@@ -204,9 +208,9 @@ def pi(
 ) -> tuple[Number, Number]:
     """s = r' + c tanh(e/delta); omega = |k| s + k_i int s. Memory (the integral, m) in, turn rate and memory out.
 
-    c = V/2 and delta = r_d/2; k_i = |k| V/r_d, ten times slower than the turn. The steady state of the integral is
-    V/(r_d k_i). Its limit is twice that value, which prevents windup while the turn saturates. Source: Dong, You, Wang,
-    isoline tracking with PI control, for any field that decreases with range.
+    e = r - r_d; c = V/2; delta = r_d/2; k_i = |k| V/r_d: it acts ten times slower than the turn. The
+    steady state of the integral is V/(r_d k_i). Its limit is twice that value, which prevents windup while the turn
+    saturates. Source: Dong, You, Wang, isoline tracking with PI control, for any field that decreases with range.
     """
     k_i = magnitude(k) * V / r_d
     s = r_dot + 0.5 * V * tanh((r - r_d) / (0.5 * r_d))
@@ -247,7 +251,7 @@ LAWS: dict[str, Law] = {
         Law("pd", pd, "rad/m", "k > 0"),
         Law("pi", feedforward, "rad/m", "k > 0", kind=Kind.MEMORY),
         Law("feedforward", feedforward, "rad/m", "k > 0"),
-        Law("drift", feedforward, "rad/m", "k > 0", kind=Kind.RELATIVE),  # without a trusted estimate
+        Law("drift", feedforward, "rad/m", "k > 0", kind=Kind.RELATIVE),  # until the estimate is trusted
         Law("auto", feedforward, "rad/m", "k > 0", kind=Kind.AUTO),
     )
 }  # fmt: skip

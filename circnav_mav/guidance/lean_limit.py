@@ -1,7 +1,7 @@
 """Detection of a copter's lean limit, the counterpart of `bank_limit` for planes.
 
-A copter leans against the air that it flies through: at V against a wind W it needs the lean for V + W. If its
-autopilot allows less, its ground speed drops there. The heading does not show this.
+A copter leans against the air that it flies through: at ground speed V against a wind W it needs the lean for
+V + W. If its autopilot allows less, the ground speed drops there. The heading does not show this.
 
     push = kappa v + b + v',   least squares of kappa and b (complex; earth frame)
 
@@ -25,16 +25,16 @@ SMOOTHING = 1.0
 LEARNT_AFTER = 2 * pi
 """Turn, rad, after which the least squares are used: half a lap cannot separate drag from wind."""
 PRIOR = 1.0
-"""Weight of the prior, a drag of 0, m^2/s: keeps the fit defined on a straight path."""
+"""Weight of the prior (a drag of 0), m^2/s. The prior keeps the fit defined on a straight path."""
 SHORT = 0.95
 """Share of the required push below which a copter leans too little: the fit has a few percent of error in turns."""
 STEADY, STEADY_FOR = radians(1.5), 1.0
-"""A steady lean: largest difference from its mean over a second, rad, and least duration, s. PX4's estimate of it
-varies by 1 deg RMS within seconds."""
+"""A steady lean: largest difference from its mean over a second, rad, and least duration, s. PX4's estimate of
+the lean varies by 1 deg RMS within seconds."""
 AGAIN = 3.0
-"""Time, s, after the first steady lean, after which the lean must still or again be steady at the same angle."""
+"""Time, s, from the first steady lean. After it, the lean must still, or again, be steady at the same angle."""
 NEAR_MOST = radians(2.5)
-"""Largest difference of a limit below the largest lean so far, rad."""
+"""Largest difference, rad, by which a lean at its limit may be below the largest lean so far."""
 LONGEST_STEP = 0.5
 """Longest gap between two reports, s. Longer ones are not counted."""
 LOWERED, EVERY, LEAST = 0.95, 2.0, 0.5
@@ -43,10 +43,10 @@ The velocity loop needs 1 to 2 s to use the lean that a step makes available."""
 
 
 class LeanLimit(NamedTuple):
-    """State after a report. time: s. turned: rad. sums: of the least squares. push: smoothed magnitude, m/s^2. asked:
-    smoothed magnitude required by the fit, m/s^2. most: largest lean, rad. since: start of the steady lean, s; inf
-    without one. found: push at the limit, m/s^2; inf while unknown. share: allowed share of the speed. lowered_at:
-    time of the last reduction, s. stood, stood_at: first steady lean, rad, and its time, s."""
+    """State after a report. time: s. turned: turn so far, rad. sums: of the least squares. push: smoothed magnitude,
+    m/s^2. asked: smoothed magnitude required by the fit, m/s^2. most: largest lean, rad. since: start of the steady
+    lean, s; inf without one. found: push at the limit, m/s^2; inf while unknown. share: allowed share of the speed.
+    lowered_at: time of the last reduction, s. stood, stood_at: first steady lean, rad, and its time, s."""
 
     time: float = inf
     turned: float = 0.0
@@ -62,7 +62,10 @@ class LeanLimit(NamedTuple):
     stood_at: float = -inf
 
     def follow(self, own: OwnMotion) -> "LeanLimit":
-        """Return the state after a report of a copter that follows. own: with the velocity that it should have."""
+        """Return the state after a report, while the copter follows its commands.
+
+        own: motion with the velocity that the copter should have.
+        """
         if own.push is None:
             return self
         v, push, step = rect(own.airspeed, own.heading), complex(*own.push), own.time - self.time
@@ -84,7 +87,8 @@ class LeanLimit(NamedTuple):
         )  # fmt: skip
         if own.time - after.since < STEADY_FOR or own.time - self.lowered_at < EVERY:
             return after
-        # In gusts a lean may be steady once by chance. At a limit it is steady again at the same angle, or for longer.
+        # In gusts a lean may be steady once by chance. At a limit it is steady again at the same angle, or stays
+        # steady.
         if abs(lean - self.stood) > STEADY or own.time - self.stood_at < AGAIN:
             return after if abs(lean - self.stood) <= STEADY else after._replace(stood=lean, stood_at=own.time)
         return after._replace(found=size, share=max(LOWERED * self.share, LEAST), lowered_at=own.time)

@@ -7,11 +7,12 @@ error, rad. c: command.
     e = -V P c/(s^2 + (v/r_d)^2),   psi = s P c/(s^2 + (v/r_d)^2),   pending = (1 - M) c/s
     M = e^(-s dead)/(lag s + 1)
 
-The slopes of the law in e, psi and pending are differences of its code. P: response of the vehicle, from the family of
-tests/guidance/test_margins.py, scaled to the mission's delay. M: model of P in the guidance, with errors of +-20 %.
+The slopes of the law in e, psi and pending are finite differences of its function. P: response of the vehicle, from the
+family of tests/guidance/test_margins.py, scaled to the mission's delay. M: model of P in the guidance, with errors of
++-20 %.
 
-On a large circle v/r_d is small beside the crossover and the margin depends on the delay alone. On a small one the
-vehicle turns far within its delay.
+On a large circle v/r_d is small compared with the crossover, and the margin depends on the delay alone. On a small
+circle the vehicle turns far within its delay.
 """
 
 from collections.abc import Callable
@@ -44,7 +45,7 @@ _S = 1j * np.logspace(-1.3, 1.4, 300)
 @lru_cache(maxsize=1024)
 def sensitivity(V: float, r_d: float, W: float, delay: float, late: float, limit: float) -> float:
     """Return the largest sensitivity over the family. V: speed, m/s. W: drift, m/s. delay: of the vehicle's turn, s.
-    late: additional delay of the reported turn in the gains, s. limit: of the turn rate, rad/s."""
+    late: delay of the reported turn, s; the gains use the sum. limit: of the turn rate, rad/s."""
     worst = 0.0
     for known, share, damping in product(KNOWN, DEAD_SHARES, DAMPINGS):
         dead, lag = share * delay, (1 - share) * delay

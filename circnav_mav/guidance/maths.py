@@ -84,9 +84,10 @@ def wrap(angle: Number) -> Array:
 
 
 def chord_parts(V: Number, psi: Number, turn: Number, dt: Number) -> tuple[Array, Array]:
-    """Return the exact displacement (m) in dt (s) at speed V (m/s) along an arc from heading psi (rad) by `turn` (rad).
+    """Return the exact displacement (m) in dt (s) at V (m/s), turning steadily by `turn` (rad) from heading psi (rad).
 
-    Its length is V dt sinc(turn/2) and its direction psi + turn/2. An Euler step causes -0.3 m of radius error.
+    Its length is V dt sin(turn/2)/(turn/2) and its direction psi + turn/2. An Euler step instead causes -0.3 m of
+    radius error.
     """
     length, middle = V * dt * sinc(turn / (2 * math.pi)), psi + turn / 2
     return length * cos(middle), length * sin(middle)
@@ -100,7 +101,7 @@ def chord(V: Number, psi: Number, turn: Number, dt: Number) -> Array:
 def horizontal(slant: float, sigma: float, height: float) -> tuple[float, float] | None:
     """Return horizontal range and its standard deviation from a slant range, all in m.
 
-    rho = sqrt(slant^2 - height^2), sigma_rho = sigma slant/rho. None if the target is (nearly) below.
+    rho = sqrt(slant^2 - height^2), sigma_rho = sigma slant/rho. None if the target is (nearly) below the vehicle.
     """
     inside = slant**2 - height**2
     if inside <= 0:
@@ -111,7 +112,7 @@ def horizontal(slant: float, sigma: float, height: float) -> tuple[float, float]
 
 
 def horizontal_rate(slant: float, rate: float, sigma: float, height: float) -> tuple[float, float] | None:
-    """Return horizontal range rate and its standard deviation, m/s, from those of a slant range (m), in level flight:
-    rho' = slant slant'/rho. None as `horizontal`."""
+    """Return horizontal range rate and its standard deviation, m/s, from a slant range (m), its rate and the sigma of
+    this rate (m/s), in level flight: rho' = slant slant'/rho. None as for `horizontal`."""
     flat = horizontal(slant, sigma, height)
     return None if flat is None else (rate * slant / flat[0], flat[1])

@@ -20,7 +20,8 @@ class Pending(NamedTuple):
 
 
 class PendingTurn:
-    """Model of the commanded turn that is not flown yet: commands within the dead time, and the rest held by the lag.
+    """Model of the commanded turn that is not flown yet: commands younger than the dead time, and the turn that the lag
+    still adds.
 
     Commands are the expected turn rates of the vehicle, rad/s: numbers, or arrays (B,) of flights commanded together.
     The loop is closed on the commanded heading, so that it does not contain the modeled delay (Smith, "Closer control

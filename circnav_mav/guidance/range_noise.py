@@ -1,6 +1,6 @@
 """Check of the standard deviation that a sensor reports with its ranges, or range rates.
 
-Drivers fill in 1 cm, or any other number. `white_noise` measures the true value.
+Drivers fill in 1 cm, or any other number. `white_noise` measures the true standard deviation.
 """
 
 from collections import deque
@@ -37,12 +37,12 @@ class NoiseCheck:
     """Corrects the sigma that a sensor reports, and detects a sensor frozen at one value. One instance per flight."""
 
     def __init__(self, bend: Callable[[float], float], patience: float) -> None:
-        """bend: from a value to its largest second derivative by motion, per s^2. patience: time of equal values, s,
-        after which the sensor counts as frozen."""
+        """bend: returns, for a value, the largest second derivative (per s^2) that motion can cause. patience: time of
+        equal values, s, after which the sensor counts as frozen."""
         self._bend_of, self._patience = bend, patience
         self._newest: deque[tuple[float, float]] = deque(maxlen=256)
         self._still, self._raw, self._wide = (WhiteNoise(kept, QUARTILE) for kept in (KEPT, KEPT, KEPT_WIDE))
-        """Residuals less the largest effect of motion, unchanged residuals, and residuals of a wider spacing."""
+        """Residuals minus the largest effect of motion, unchanged residuals, and residuals of a wider spacing."""
         self._step, self._same_since, self._same, self._noise = inf, 0.0, 0, inf
         self.repeated = 0.0
         """Time for which a frozen sensor has repeated its value, s; 0 if it is not frozen."""

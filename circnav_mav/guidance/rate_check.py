@@ -104,7 +104,7 @@ class RateCheck:
         off, change = (
             median((after[i] - before[i]) / (after[0] - before[0]) for before, after in pairs) for i in (1, 2)
         )
-        return _Slope(-off, sigma * sqrt(2 * (1.57 / half + DRIFTING)) / apart, change)  # 1.57: of a median
+        return _Slope(-off, sigma * sqrt(2 * (1.57 / half + DRIFTING)) / apart, change)  # 1.57: median over mean
 
 
 class _Slope(NamedTuple):

@@ -4,17 +4,17 @@
     else:    angle' = q w - psi' + (steady angle - angle)/T,           q = psi'/w, the mean of many seconds
 
 angle: from the nose to the direction of motion through the air, seen from above. w: turn rate of the coordinated turn.
-Both counter-clockwise, bank to the left, pitch above the path.
+psi': turn rate of the nose. All counter-clockwise positive; bank to the left, pitch above the path.
 
 First term: if the nose turns less than its bank requires, the side force balances the rest. In the time c a
 side-slip turns the path by its angle. Second term: with bank and the nose up, the nose points to the inside of the
 turn. The pitch is the mean of straight flight over many seconds, plus the rise for the extra lift in a bank. The
-momentary pitch is not used: gusts disturb it. A gust turns the nose into it and does not move the path. Within T the
-path follows the bank, not the nose.
+momentary pitch is not used: gusts disturb it. A gust turns the nose into the wind and leaves the path
+unchanged. Within T the path follows the bank, not the nose.
 
 ArduPilot's simulated plane flies 0.75 of its coordinated turn rate, with its nose 2.8 deg down. On a circle its path
-points 2.3 deg inside of its nose, in wind +-1 deg as its bank changes. Source: balance of the forces across the path,
-geometry of a banked vehicle; fitted to true tracks of ArduPlane 4.6.3 (calm, wind of 5 and 8 m/s).
+points 2.3 deg inside of its nose; in wind this varies by +-1 deg with the bank. Source: balance of the forces across
+the path, geometry of a banked vehicle; fitted to true tracks of ArduPlane 4.6.3 (calm, wind of 5 and 8 m/s).
 
 Limits: c, T and LIFTS are those of this one simulated airframe. Only q and the pitch are learned in flight. The error
 on another airframe is bounded by MOST. On the emulated PX4 plane the correction changes the radius by less than 2 %.

@@ -75,8 +75,9 @@ class LawChoice:
 
 @dataclass(frozen=True, slots=True)
 class StepSettings:
-    """Constants of the steps on one circle. sense: +1 counter-clockwise. V: m/s. r_d: m. fed: the radius that the law
-    is fed, m. k: gain with the sign of the sense (the paper: k > 0 flies clockwise). limit: of the turn rate, rad/s."""
+    """Constants of the steps on one circle. sense: +1 counter-clockwise, -1 clockwise. V: speed, m/s. r_d: radius, m.
+    fed: the radius that the law is fed, m. k: signed gain (as in the paper, k > 0 flies clockwise). limit: of the turn
+    rate, rad/s."""
 
     law: Law
     sense: Number
@@ -96,7 +97,7 @@ class StepSettings:
 
 class Inputs(NamedTuple):
     """Inputs of one step. time: s. r, r_dot: m, m/s. pending: commanded turn not flown yet. relative: relative motion,
-    None if unknown. trim: m, added to the radius that the law is fed. share: factor on the gains of the rule."""
+    None if unknown. trim: m, added to the radius that the law is fed. share: factor on the drift law's gains."""
 
     time: float
     r: Number
@@ -124,9 +125,10 @@ WHY = {
 
 class Handover(NamedTuple):
     """State of the handover between laws. flies: the law that steered last; -1: none. most_likely: number of the
-    hypothesis flown last; -1: none. command: last command, rad/s. offset: decaying rest of the last change, rad/s.
-    untrusted: time since the target position was last trusted, s. about: side to which a vehicle that flies away from
-    the target turns back, +1 left, -1 right, 0 if it does not fly away. searched: duration of the present search, s."""
+    hypothesis flown last; -1: none. command: last command, rad/s. offset: decaying rest of the command's step at the
+    last change, rad/s. untrusted: time since the target position was last trusted, s. about: side to which a vehicle
+    that flies away from the target turns back, +1 left, -1 right, 0 if it does not fly away. searched: duration of the
+    present search, s."""
 
     flies: Array = -1
     most_likely: Array = -1
@@ -170,8 +172,8 @@ def next_handover(
 
 
 class StepState(NamedTuple):
-    """State between steps. time: of the last command, s. memory: the integral of `pi`, m. drift_x, drift_y: the
-    smoothed drift, m/s."""
+    """State between steps. time: of the last command, s. memory: the integral of the law `pi`, m. drift_x,
+    drift_y: the smoothed drift, m/s."""
 
     time: Number = -inf
     memory: Number = 0.0
@@ -201,15 +203,15 @@ def _with_relative_motion(
     by_range = s * settings.law.function(inputs.r, inputs.r_dot, V=settings.V, r_d=settings.fed, k=settings.k)
     by_drift, trusted, drift_x, drift_y = by_range, False, before.drift_x, before.drift_y
     if relative is not None:
-        # The difference between the drift and its low-pass gives its rate of change. The low-pass starts with the
-        # drift law.
+        # The difference between the drift and its low-pass gives its rate of change. The low-pass starts when
+        # the drift law takes over.
         follows, share = before.handover.flies == ActiveLaw.DRIFT, dt / (CHANGE_TIME + dt)
         drift_x = where(follows, drift_x + share * (relative.drift_x - drift_x), relative.drift_x)
         drift_y = where(follows, drift_y + share * (relative.drift_y - drift_y), relative.drift_y)
         change = (relative.drift_x - drift_x) / CHANGE_TIME, (relative.drift_y - drift_y) / CHANGE_TIME
         by_drift, trusted = _by_drift(settings, relative, change, inputs), relative.trusted
-    # Without relative motion there is no search: the path of a vehicle that does not follow its commands is unknown.
-    # The search begins when the vehicle follows again.
+    # Without relative motion there is no search. A vehicle without an airspeed sensor has none while it does not follow
+    # its commands: its path is unknown. The search begins when the vehicle follows again.
     last = before.handover if relative is not None else before.handover._replace(searched=0.0)
     handover = next_handover(
         last, dt, trusted=trusted, most_likely=_tried(last, settings, inputs),
@@ -295,9 +297,8 @@ class Steering:
     def __call__(
         self, estimate: RangeEstimate, trim: float = 0.0, pending: Pending | None = None, share: float = 1.0
     ) -> TurnCommand:
-        """Return the command. trim: m, added to the radius that a law on range alone is fed. pending:
-        commanded turn not flown yet; None: none, for a vehicle with the lag of the choice. share: factor on the
-        gains."""
+        """Return the command. trim: m, added to the radius that a law on range alone is fed. pending: commanded turn
+        not flown yet; None: no such turn, and the lag of the law choice. share: factor on the gains."""
         inputs = Inputs(
             estimate.time, estimate.r, estimate.r_dot, pending or self._at_rest, estimate.relative, trim, share
         )

@@ -48,8 +48,8 @@ class TurnGain(NamedTuple):
 def learn(state: TurnGain, *, lag: Number, time: Number, heading: Number, command: Number) -> TurnGain:
     """Return the state after a heading.
 
-    lag: from a command to its turn, s. heading: measured, rad. command: commanded turn rate meanwhile, rad/s, same
-    sense as the heading.
+    lag: delay from a command to its turn, s. heading: measured, rad. command: commanded turn rate meanwhile, rad/s,
+    same sense as the heading.
     """
     gap = time - state.time
     begins = logical_not((gap >= 0) & (gap <= LONGEST_STEP))
@@ -63,7 +63,7 @@ def learn(state: TurnGain, *, lag: Number, time: Number, heading: Number, comman
     rate = state.smooth_rate + (turned / maximum(step, 1e-9) - state.smooth_rate) * smooth
     followed = _followed(rate, smoothed)
     age = where(followed, state.age + step, 0.0)
-    # Before that, the low-pass still contains its start, or turns that did not follow.
+    # Earlier, the low-pass still contains its initial value, or turns from before the vehicle followed.
     learns = followed & (age >= 4 * SMOOTHING - SAME_TIME)
     forget = exp(-step / MEMORY)
     square = where(learns, state.square * forget + smoothed**2 * step, state.square)

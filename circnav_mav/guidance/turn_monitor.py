@@ -4,11 +4,11 @@ Both detectors use bins of 0.2 s: commanded turn rate, flown turn rate (of a pla
 prediction of each candidate of `turn_response`. Ranges are not used, so a wrong range raises no alarm.
 
 Following: least squares of the flown on the predicted turns. A vehicle that follows has a gain of a third or more at
-one of the candidate delays. Otherwise the flight fits better to a constant turn (commands are ignored), a negative gain
-(reversed) or a gain below a fifth (weak).
+one of the candidate delays. Otherwise the flown turns fit better to a constant turn (commands are ignored), a negative
+gain (reversed) or a gain below a fifth (weak).
 
 Limit cycle: autocorrelation of the fast part of the turns. In a limit cycle the turns repeat after one period
-and are reversed after half a period. Gusts and noise are as large, but have no period.
+and are reversed after half a period. Gusts and noise may be as large, but have no period.
 """
 
 from collections import deque
@@ -36,8 +36,8 @@ BETTER = 0.3
 """Largest ratio of the better model's squared error to that of the other model. Gusts that turn the nose, 0.1 rad/s on
 the emulated vehicles, leave a ratio above 0.5."""
 EVIDENCE = 0.0007
-"""Least integral of the difference of both models' squared errors, rad^2/s: 0.05 rad/s (3 deg/s) not flown for 2.4 s,
-or 0.025 rad/s for 10 s. A bank error of 3 deg is 0.023 rad/s at 22 m/s."""
+"""Least difference of both models' squared errors, integrated over time, rad^2/s: 0.05 rad/s (3 deg/s) not flown for
+2.4 s, or 0.025 rad/s for 10 s. A bank error of 3 deg is 0.023 rad/s at 22 m/s."""
 IN_A_ROW = 2
 """Consecutive bins that must agree before the verdict changes."""
 
@@ -49,8 +49,8 @@ LONGEST_PERIOD = 18
 of 1 to 4.6 s, most of them below 2.5 s. Longer periods also occur during the acquisition of the target: its excitation
 has a period of 6 s, and turns from one hypothesis to the next take 4.4 to 5 s."""
 SLOW_WINDOW, SLOWEST_PERIOD = 160, 40
-"""Window and longest period of a limit cycle on the estimated target position, bins: 32 s contain four periods of 8 s.
-A copter at its acceleration limit swung with 5 to 6 s."""
+"""Window and longest period, bins, of a limit cycle while the law uses the estimated target position: 32 s contain
+four periods of 8 s. A copter at its acceleration limit swung with periods of 5 to 6 s."""
 LAP_SHARE = 0.4
 """Longest period of a limit cycle as a share of the lap. In wind, turns repeat with every lap, and twice in a lap."""
 PERIODS = 4.0
@@ -157,7 +157,7 @@ def _evidence(bins: deque[TurnBin], width: int) -> int:
         gain = np.clip(product / np.maximum(square, 1e-9), least, most)
         return np.asarray((flown[:, None] - gain * predicted) ** 2)
 
-    # Ignore the worst bin: a late attitude or a lost setpoint makes one bin wrong. Not following persists.
+    # Ignore the worst bin: a late attitude or a lost setpoint makes one bin wrong, a vehicle that does not follow many.
     followed = errors(LEAST_GAIN, MOST_GAIN)
     following = float((followed.sum(0) - followed.max(0)).min())
     weak = float(errors(REVERSED_GAIN, WEAK_GAIN).sum(0).min())

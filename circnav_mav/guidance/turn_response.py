@@ -1,9 +1,9 @@
 """Response of a vehicle to turn commands: dead time and lag, learned from commanded and flown turns.
 
 Each candidate is a dead time and a response of first order (a lag) or of second order (a frequency and a damping). The
-candidates cover the measured range of real firmware (ArduPilot, PX4). Least squares of the turned angle in short bins
-weight the candidates, with a prior about the mission's `turn_lag_s`. `turn_gain` learns the gain. `turn_answer`
-combines response and gain.
+candidates cover the measured range of real firmware (ArduPilot, PX4). They are weighted by least squares of the
+turned angle in short bins, with a prior centered on the mission's `turn_lag_s`. `turn_gain` learns the gain.
+`turn_answer` combines response and gain.
 """
 
 from collections import deque
@@ -48,7 +48,7 @@ LEAST_NOISE = 0.01
 """Lower bound of the noise of a bin's mean turn rate, rad/s, from gusts and the gyro."""
 EXPLAINED, LEAST_SLOPE, MOST_SLOPE = 0.6, 0.4, 1.6
 """Conditions for turns to count as responses: least share of their variance explained by the commands, and bounds of
-the gain of changes. Vehicles that follow have 0.8 and more, and 0.65 to 1.2."""
+their slope over the predicted turns. Vehicles that follow have a share of 0.8 and more, and slopes of 0.65 to 1.2."""
 FAR_OFF = 2.0
 """Residual of a bin, in standard deviations, above which the weight of the bin decreases."""
 KEPT = 4.0
@@ -71,7 +71,7 @@ class Response(NamedTuple):
 
 
 class Knowledge(NamedTuple):
-    """Learned state. response: delays, as used now. sums: weighted sums over the bins of 1, x, y, x^2, x y and y^2.
+    """Learned state. response: delays, as used now. sums: weighted sums of 1, x, y, x^2, x y and y^2 over the bins.
     x: turn rates that the candidates predict, rad/s, an array. y: flown turn rate, rad/s. fit: best candidate, its
     slope, offset (rad/s) and noise (rad/s), or None."""
 
@@ -149,8 +149,9 @@ class TurnBins:
             return None
         began, turned_before, link_before, angles_before = begin
         if link != link_before:
-            # The estimated link delay jumps with a late reply. Use one delay for both ends of a bin. Otherwise the bin
-            # covers commands of another duration, and a vehicle on its circle seemed to be commanded the other way.
+            # The estimated link delay jumps with a late reply. Use one delay for both ends of a bin. Otherwise the
+            # predicted turn covers a longer or shorter time than the flown one: a vehicle on its circle once seemed to
+            # be commanded the other way.
             angles_before = self._candidates.at(began - link)
         if angles is None or angles_before is None:
             return None
@@ -195,7 +196,7 @@ class ResponseLearner:
         """Update the fit with the mean turn rate of a bin and its prediction by each candidate."""
         keep, share, (response, sums, fit) = exp(-width / MEMORY), 1.0, self.knowledge
         # A step that saturates the roll rate has a longer delay than any other. With full weight, one such step would
-        # count for more than a minute on the circle.
+        # affect the fit for more than a minute on the circle.
         if fit is not None:
             best, slope, offset, noise = fit
             residual = float(abs(rate - slope * model[best] - offset))
@@ -214,7 +215,7 @@ class ResponseLearner:
         slope = cov[best] / max(var[best], 1e-9)
         fit = best, slope, (s - slope * m[best]) / n, sqrt(noise)
         self.knowledge = Knowledge(response, sums, fit)
-        # Reject turns that the commands do not explain: the vehicle may not receive them, or may only circle.
+        # Reject turns that the commands do not explain: the vehicle may not receive commands, or may only circle.
         if cov[best] ** 2 <= EXPLAINED * var[best] * all_ or not LEAST_SLOPE < slope < MOST_SLOPE:
             return
         weight = np.exp(likely - likely.max())

@@ -58,7 +58,7 @@ class RateSample(NamedTuple):
 
 
 class IntegratedAcceleration(NamedTuple):
-    """Integral of the measured horizontal acceleration since a time (s), m/s."""
+    """Integral (x, y) of the measured horizontal acceleration, m/s, beginning at the time `since`, s."""
 
     x: float
     y: float
@@ -91,10 +91,10 @@ class RelativeMotion(NamedTuple):
 
     x, y: vehicle minus target, m. sigma: standard deviation of the position, m. drift_x, drift_y: wind minus target
     velocity, m/s. heading (rad), turn_rate (rad/s): own motion at this moment. airspeed: true, m/s. scale: true over
-    measured airspeed. trusted: True if it may steer. trial: number of the hypothesis; None (in arrays -1) if it is no
-    hypothesis. drift_remembered: True if acquisition started with an earlier drift estimate. acceleration_weight: of
-    the measured accelerations, 0 to 1. drift_covariance: xx, xy, yy of the steady part of the drift, (m/s)^2; None in
-    experiments.
+    measured airspeed. trusted: True if the estimate may steer. trial: number of the hypothesis during acquisition, else
+    None (in arrays -1). drift_remembered: True if acquisition started with an earlier drift estimate.
+    acceleration_weight: weight of the measured accelerations, 0 to 1. drift_covariance: xx, xy, yy of the steady part
+    of the drift, (m/s)^2; None in experiments.
     """
 
     x: float
@@ -175,9 +175,9 @@ class Orbit:
 class TurnCommand(NamedTuple):
     """Output of a law, limited to the vehicle's turn rate.
 
-    turn_rate: to command, rad/s. demanded: turn rate that the law demands, rad/s; without a limit they differ by the
-    vehicle's turn-rate gain. saturated: True if it was limited. flies, why: active law and human-readable reason; empty
-    if there is only one law.
+    turn_rate: to command, rad/s. demanded: turn rate that the law demands, rad/s, before handover, limit and turn-gain
+    correction. saturated: True if turn_rate was limited. flies, why: active law and human-readable reason; empty if
+    there is only one law.
     """
 
     turn_rate: TurnRate

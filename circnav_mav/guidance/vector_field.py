@@ -61,7 +61,7 @@ class DriftGains(NamedTuple):
 
 def drift_gains(V: Number, delay: Number, settles: Number, share: Number = 1.0) -> DriftGains:
     """Return the gains. V: speed, m/s. delay: total of link, autopilot and airframe, s. settles: settling rate of the
-    response, 1/s. share: factor on the gains of the rule, below 1 after limit cycles."""
+    response, 1/s. share: factor on the gains, below 1 after limit cycles."""
     most = minimum(SETTLING_SHARE * settles, FASTEST)
     crossover = share * minimum(CROSSOVER / maximum(delay, 1e-3), most)
     # The feedforward (rotation of the field ahead) adds radial V (1 + heading delay) to the heading loop.
@@ -87,7 +87,7 @@ def field_heading(
 ) -> Array:
     """Return the heading (rad) with a ground course along the field at p (2, ...), m.
 
-    d: drift (2, ...), m/s. V: true airspeed, m/s. k: rad/m. lap: replaces the circle.
+    d: drift (2, ...), m/s. V: true airspeed, m/s. k: as in `inward_angle`, rad/m. lap: replaces the circle.
     """
     r, angle, outward = hypot(p[0], p[1]), arctan2(p[1], p[0]), 0.0
     if lap is not None:
@@ -104,11 +104,11 @@ def drift(
     gains: DriftGains, change: Pair = (0.0, 0.0), lap: Lap | None = None,
 ) -> Array:  # fmt: skip
     """Return the turn rate (rad/s): rotation of the field after the response delay, plus gain times heading error. The
-    pending turn is subtracted from the error. Outside the circle it prefers a turn away from the target.
+    pending turn is subtracted from the error. Outside the circle the law prefers a turn away from the target.
 
     p = vehicle - target (2, ...), m. d = wind - target velocity (2, ...), m/s. psi: heading, rad. pending: commanded
-    turn not flown yet. V: true airspeed, m/s. change: of d (2, ...), m/s^2. Condition: W < V; and r_d >= (V + W)^2/(V
-    max_turn_rate), or a lap instead of the circle.
+    turn not flown yet. V: true airspeed, m/s. change: of d (2, ...), m/s^2. Condition: W = |d| < V; and r_d >=
+    (V + W)^2/(V max_turn_rate), or a lap instead of the circle.
     """
     ahead, rate = pending.ahead, pending.turn / maximum(pending.ahead, STEP)
 
@@ -120,8 +120,8 @@ def drift(
 
     now, late = wanted(0.0 * ahead), wanted(ahead + STEP)
     turns = wrap(late - wanted(ahead - STEP))
-    # Subtract the rotation of the field during the delay from the pending turn. Use its mean: in wind it changes
-    # along the lap.
+    # Subtract the rotation of the field during the delay from the pending turn. Use the whole rotation, not rate
+    # times delay: in wind the rate changes along the lap.
     under_way = pending.turn - wrap(late - turns / 2 - now)
     # Prefer the side of the pending turn: a turn to the other side first has to cancel it.
     preferred = _outward(hypot(p[0], p[1]), V / max_turn_rate, r_d) + pending.turn

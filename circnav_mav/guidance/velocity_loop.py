@@ -2,7 +2,9 @@
 
     v' = a - c v,   a + TILT a' = P (u - v) + q + f - D v',   q' = I (u - v),   u = V (cos psi, sin psi)
 
-Without the acceleration feedforward f a turning copter flies slower than commanded and crabs: by 9 % and 11 deg with
+v: velocity. a: acceleration by the tilt. u: commanded velocity. q: integrator. f: acceleration feedforward. c: drag.
+
+Without f a turning copter flies slower than commanded and crabs: by 9 % and 11 deg with
 PX4's gains and a drag of 1/s at 5 m/s and 0.1 rad/s. Its course follows the nose 2 s late. With f = (1 + D) u' + c u
 the velocity follows u as fast as the tilt. The drag c is learned from the tilt: the horizontal thrust minus
 the acceleration is the drag force.
@@ -52,8 +54,8 @@ class VelocityLoop:
 
 class CopterMotion(NamedTuple):
     """Estimated motion after a report, east and north as a complex number. v: velocity, m/s. a: acceleration by the
-    tilt, m/s^2. q: the loop's integrator, m/s^2. drag: 1/s. sums: of the drag's least squares, of (time, v, a,
-    v v, v a)."""
+    tilt, m/s^2. q: the loop's integrator, m/s^2. drag: 1/s. sums: of the drag's least squares, of 1, v, p, v v
+    and v p over time, p being push minus acceleration."""
 
     time: float | None = None
     v: complex = 0j

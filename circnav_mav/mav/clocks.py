@@ -17,7 +17,7 @@ BOOT_WRAP = 2**32 / 1000
 """Time after which time_boot_ms wraps to 0, s: 49.7 days."""
 
 WINDOW = 100
-"""Number of samples over which the least lag is taken. A new window follows a drifting remote clock."""
+"""Number of samples over which the least lag (arrival - stamp) is taken, so that it follows a drifting clock."""
 STEP = 0.15
 """Least step of a remote clock that is detected, s. Most links have less jitter, and harmful pauses are longer."""
 RISE = 0.4
@@ -25,10 +25,11 @@ RISE = 0.4
 STEADY, STEADY_SAMPLES = 0.5, 3
 """Time, s, and number of samples for which lags must stay at a new level before the clock estimate follows them."""
 FALL = 0.03
-"""Fall of the lag, s, that indicates a draining queue. A queue with 6 % of spare capacity falls by this in STEADY.
-Clock rates differ by a thousandth of that."""
+"""Fall of the lag, s, that indicates a draining queue. With 6 % of spare link capacity, the lag falls by this within
+STEADY. The drift between two clocks is a thousand times slower."""
 SPREAD = 0.5
-"""Share of the step by which its lags may differ, and share of it that a slower link may explain."""
+"""Share of a step by which its lags may differ. Also the share that a slower link may explain: if it explains more,
+the step is not applied to the clock."""
 
 Slower = Callable[[float, float], float]
 """(since, now) -> largest possible increase of the link delay at `since`, s; infinite while it is not measured."""
@@ -62,15 +63,15 @@ class Order(Enum):
 class StampFilter:
     """Order and local times of a remote clock's stamps.
 
-    Local time = remote stamp + offset. The offset is the least (arrival - stamp) so far, as in ArduPilot's
-    JitterCorrection, because link delay is never negative. A constant delay cannot be distinguished from a clock
-    difference and remains.
+    Local time = remote stamp + offset. The offset is the least (arrival - stamp) of the newest samples, as in
+    ArduPilot's JitterCorrection, because link delay is never negative. A constant delay cannot be distinguished from a
+    clock difference and remains.
 
     A pause of the remote clock (a paused simulator, a controller that writes its log) raises all later lags at once by
     its length. Lags of a draining queue fall from sample to sample. Congestion raises them gradually. A link that
-    becomes slower in one step looks like a pause: only the round trip (`slower`) distinguishes them, and the offset
-    follows the part that it does not explain. On an unmeasured link the step is attributed to the clock: pauses are
-    common, routes that become slower by a constant time are rare.
+    becomes slower in one step looks like a pause. Only the round trip (`slower`) distinguishes the two, and the offset
+    follows the part of the step that the link does not explain. On an unmeasured link the step is attributed to the
+    clock: pauses are common, routes that become slower by a constant time are rare.
     """
 
     def __init__(self, slower: Slower = no_link_delay, *, wrap: float | None = None, jump: float = JUMP) -> None:
@@ -112,9 +113,9 @@ class StampFilter:
     ) -> Order:
         """Compare an unwrapped stamp with the newest, and reset the filter if the result is RESTARTED.
 
-        most_ahead: largest lead over the clock, s. steady: largest difference between the interval of
-        two stamps of a new clock and the local interval, s. patience: silence by the old clock, s, before a new clock
-        is followed.
+        most_ahead: largest lead over the clock, s. steady: largest difference, s, between the interval of two stamps
+        of a new clock and the interval of their arrivals. patience: silence of the old clock, s, before a new clock is
+        followed.
         """
         if self.newest is None:
             return Order.NEWER
@@ -180,13 +181,13 @@ class StampFilter:
         """Apply the part of a lasting step that the link does not explain."""
         step = min(lag for _, lag in self._raised) - self._offset
         by_link = self._slower(self._raised[0][0], arrival)
-        if by_link < inf:  # otherwise the last measurement stays valid
+        if by_link < inf:  # infinite: not measured yet, so the last result stays
             self._by_link = SPREAD * step < by_link
         if by_link <= SPREAD * step:
             self.followed = step - by_link
             self._offset += self.followed
             self._candidate, self._count = self._offset, 0
-            # if the link was slow meanwhile, later lags show the rest of the step, not the lags of the rise
+            # start over: if the link was slow meanwhile, only later lags show the rest of the step
             self._begin(arrival)
 
 
@@ -207,7 +208,7 @@ Span = tuple[Moment, Moment]
 class ClockSpeed:
     """Speed of the vehicle's clock, from times since boot and their arrival times.
 
-    A simulator at another speed would look like a vehicle at another speed. Three windows must agree on the value.
+    A simulator that does not run in real time looks like a vehicle at another speed. Three windows must agree.
     """
 
     def __init__(self) -> None:
@@ -254,11 +255,11 @@ def span_speed(span: Span) -> float:
 # --- round-trip time to the vehicle ---
 
 KEPT = 5
-"""Newest round trips in use, and number of answers after which requests become less frequent."""
+"""Number of newest round trips in use. After as many answers, requests become less frequent."""
 EVERY, LATER_EVERY = 0.5, 1.0
 """Time between two requests, s, at first and later."""
 UNANSWERED = 3.0
-"""Time without an answer, s, after which the vehicle may not receive us: three requests were lost."""
+"""Time without an answer, s, after which our frames may be lost on the way to the vehicle: three requests were lost."""
 MOST_REPEATS = 10
 """Limit of early repeats in a row. If no request is answered, the vehicle does not receive us."""
 AGAIN = 0.2
@@ -309,7 +310,7 @@ class Timesync:
 
     @property
     def one_way(self) -> float:
-        """Least recent one-way delay, s: half of the shortest round trip, 0 without an answer."""
+        """Least one-way delay, s: half of the shortest of the newest round trips, 0 without an answer."""
         return min(self.trips, default=0.0) / 2
 
     def slower(self, since: float, now: float) -> float:

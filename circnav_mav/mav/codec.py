@@ -19,7 +19,7 @@ Ids = tuple[int, int]
 """(system, component)."""
 
 _NEVER_SIGNED = dialect.MAVLINK_MSG_ID_RADIO_STATUS
-"""Message that telemetry radios insert without a key. circnav does not steer by it."""
+"""Message that telemetry radios insert unsigned, because they have no key. circnav does not steer by it."""
 _NEVER_LOGGED = dialect.MAVLINK_MSG_ID_SETUP_SIGNING
 """Message that contains a secret key."""
 _MOST_SYSTEMS = 32
@@ -73,7 +73,8 @@ class LinkCounts:
 
 
 class Decoder:
-    """Decoder for a single link. Each datagram is separate. A byte stream (TCP, serial) keeps incomplete frames."""
+    """Decoder for a single link. Datagrams are decoded separately. In a byte stream (TCP, serial), an incomplete frame
+    is kept until the rest arrives."""
 
     def __init__(
         self,
@@ -95,7 +96,7 @@ class Decoder:
         self._tail = b""
         self.counts = LinkCounts(has_key=signing is not None)
         self.frames: list[bytes] = []
-        """Accepted frames of the newest call, unknown ids included, for the recorder."""
+        """Accepted frames of the newest call, for the recorder: unknown ids included, SETUP_SIGNING not."""
         self.behind = False
         """True if a frame of the newest call was rejected only because of its sender's clock."""
 

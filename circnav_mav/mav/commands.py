@@ -1,6 +1,6 @@
-"""Commands with retries and matched acknowledgements (timings of MAVSDK: 0.5 s, three retries, 3 s in progress).
+"""Commands with retries and matched acknowledgements (0.5 s and three retries as in MAVSDK; 3 s in progress).
 
-Also the telemetry streams: requested with SET_MESSAGE_INTERVAL, measured, and requested again when they stop.
+Also the telemetry streams: requested with SET_MESSAGE_INTERVAL, measured, and requested again when they slow down.
 """
 
 from collections import Counter, deque
@@ -25,13 +25,13 @@ LATE = 1.2
 MOST_OWED = 64
 """Limit of the unanswered commands counted per command number: more than are sent while a link is lost."""
 UNASKED, UNASKED_WITHIN = 2, 10.0
-"""Number of answers to us without a command of ours within this time, s, that indicates another program."""
+"""Number of unrequested answers to us, and time, s, within which so many indicate another program with our ids."""
 ANSWERS_KEPT = 16
 """Newest answers kept to recognize a duplicate that arrives by another route."""
 CHECK_EVERY = 3.0
 """Time, s, over which stream rates are measured."""
 FIRST_CHECK = 0.6
-"""Time, s, of the first measurement of the streams in USUAL."""
+"""Duration, s, of the first measurement, which looks for the streams in USUAL."""
 USUAL = frozenset(
     getattr(dialect, f"MAVLINK_MSG_ID_{name}")
     for name in ("SYSTEM_TIME", "SYS_STATUS", "NAV_CONTROLLER_OUTPUT", "ATTITUDE_TARGET", "POSITION_TARGET_LOCAL_NED")
@@ -225,7 +225,8 @@ class StreamRequests:
     """
 
     def __init__(self, wanted: Mapping[int, float], maybe: Container[int] = ()) -> None:
-        """wanted: message id -> Hz. maybe: ids that the vehicle may lack, requested again only once received."""
+        """wanted: message id -> Hz. maybe: ids that the vehicle may lack. They are requested again only if they have
+        been received before."""
         self._streams = {message_id: _Stream(rate) for message_id, rate in wanted.items()}
         self._since: float | None = None
         self._is_first_check = True
@@ -266,7 +267,7 @@ class StreamRequests:
             self.by_group |= result.result == dialect.MAV_RESULT_UNSUPPORTED
 
     def group_requests(self, target: Ids, now: float) -> list[Message]:
-        """Return the unacknowledged REQUEST_DATA_STREAM messages due now, for groups with a missing stream."""
+        """Return the REQUEST_DATA_STREAM messages due now, for groups with a missing stream. They get no answer."""
         if not self.by_group or now < self._group_due:
             return []
         missing = {
@@ -298,7 +299,7 @@ class StreamRequests:
             received, stream.received = stream.received, 0
             stream.ever |= received > 0
             if first and stream.asked:
-                continue  # it has flowed for a part of the time only
+                continue  # requested at the start of this time, it has arrived for a part of it only
             stream.rate = received / elapsed
             is_there = stream.ever or not stream.asked or message_id not in self._maybe
             if stream.rate < LOW * stream.wanted and is_there and not stream.denied:

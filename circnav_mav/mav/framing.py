@@ -39,7 +39,7 @@ def _known_start() -> re.Pattern[bytes]:
 
 
 _crc: Callable[[bytes], int] = dialect.mcrf4xx or (lambda data: int(dialect.x25crc(data).crc))
-"""CRC function of MAVLink: the compiled one that pymavlink uses, or pymavlink's own if that package is missing."""
+"""MAVLink's CRC function: the compiled one of the package fastcrc, or pymavlink's own if fastcrc is missing."""
 _START = re.compile(_one_of(MAGICS))
 _KNOWN_START = _known_start()
 
@@ -65,7 +65,7 @@ class Frame(NamedTuple):
 
 
 def frame_at(buffer: bytes, at: int) -> Frame | None:
-    """Return the frame that starts here according to its header, or None."""
+    """Return the frame that the header at this index describes, or None if no frame can start there."""
     magic, left = buffer[at], len(buffer) - at
     if magic not in MAGICS or (magic == V2 and left > 2 and buffer[at + 2] & ~SIGNED):
         return None
@@ -93,8 +93,8 @@ def must_wait(buffer: bytes, frame: Frame) -> bool:
 def is_good(buffer: bytes, frame: Frame) -> bool:
     """True if the frame is valid: its CRC is correct.
 
-    The CRC of an id outside the dialect cannot be checked. Such a frame is valid if another frame or the end follows
-    and it contains no valid frame.
+    The CRC of an id outside the dialect cannot be checked. Such a frame is valid if it contains no valid frame, and
+    another frame or the end of the buffer follows.
     """
     if frame.end > len(buffer):
         return False
@@ -103,7 +103,7 @@ def is_good(buffer: bytes, frame: Frame) -> bool:
         return _crc(buffer[frame.start + 1 : tail] + _EXTRA[frame.ident]) == buffer[tail] | buffer[tail + 1] << 8
     if frame.end < len(buffer) and buffer[frame.end] not in MAGICS:
         return False
-    # a flood of unknown ids spends most of its time here: the pattern skips bytes without a header at little cost
+    # in a flood of unknown ids most time is spent here: the pattern skips bytes that start no header, at little cost
     starts = _KNOWN_START.finditer(buffer, frame.start + 1, frame.end + _HEADER_2.size - 1)
     inside = (frame_at(buffer, found.start()) for found in starts if found.start() < frame.end)
     return not any(one is not None and is_good(buffer, one) for one in inside)

@@ -154,7 +154,7 @@ class Identity:
         address.
 
         These frames may make the sender acceptable. A MAVLink 1 sender may switch to MAVLink 2. A sender whose signing
-        clock is behind, as without GPS, adopts the timestamp of circnav's frames.
+        clock is behind, for example without GPS, adopts the timestamp of circnav's frames.
         """
         if self._may_be_at(source, now):
             self.reply_to = source
@@ -218,7 +218,7 @@ class Identity:
         self.reply_to, self._received_at = who.source, now
 
     def _misfit(self, heartbeat: Message, who: Sender, adapter: Autopilot | None, now: float) -> str:
-        """Return why this is not our vehicle, human-readable; empty if it is."""
+        """Return the reason why this sender is not our vehicle, human-readable; empty if it is."""
         wanted, system = self._settings.system_id, f"system {who.system}"
         if who.system == 0:  # 0 is the broadcast address
             return f"{system} is no id of a vehicle: set its system id to 1 to 255"

@@ -16,6 +16,7 @@ from circnav_mav.mav.frames import (
     YawRate,
     euler_from_quaternion,
     heading_enu_from_yaw_ned,
+    left_bank_from_roll,
     level_from_body,
     push_from_tilt,
     turn_rate_from_yaw_rate,
@@ -25,28 +26,28 @@ from circnav_mav.mav.frames import (
 MOST_TILT = 1.2
 """Largest tilt, rad, used in calculations. Beyond it turns are not coordinated and thrust does not hold the weight."""
 ATTITUDE_MAX_AGE = 0.5
-"""Oldest attitude that is used, s: the age of a stale range, ten messages at 20 Hz."""
+"""Oldest attitude that is used, s: as the default `max_age` of a range, and ten messages at 20 Hz."""
 AIR_MAX_AGE = 1.5
 """Oldest airspeed that is used, s; chosen, it is sent less often than the attitude."""
 MOST_LATE = 0.4
 """Longest plausible link delay of an attitude, s. Less than ATTITUDE_MAX_AGE, so that the heading stays available when
 the vehicle's clock is reset."""
 JUMP = 0.5
-"""Backward step of the vehicle's clock, s, that counts as a clock reset. At most ATTITUDE_MAX_AGE: after a single stamp
-from the future, all later stamps look older than the newest."""
+"""Backward step of the vehicle's clock, s, that counts as a clock reset. At most ATTITUDE_MAX_AGE: after a stamp that
+is ahead by less, later stamps are rejected as older for up to this time."""
 MOST_ANGLE, MOST_RATE, MOST_AIRSPEED, MOST_ALTITUDE = 6.3, 50.0, 200.0, 1e5
 """Largest plausible magnitudes of a measurement, rad, rad/s, m/s and m. Larger values are discarded."""
 NO_ROTATION = 0.1
 """Largest deviation of a quaternion's norm from 1. A quaternion beyond it is discarded."""
 FLOWN_ALTITUDES = -500.0, 6_000.0
-"""Range of altitudes, m, for which the air density is corrected. Other altitudes are clipped to this range."""
+"""Lowest and highest altitude, m, for which airspeed is corrected for air density. Others are clipped."""
 YAW_JUMP = 0.35
 """Difference between the reported and the predicted yaw, rad, above which the autopilot has reset its yaw. Real turns
-stay far below: a change of 90 deg/s within 0.1 s gives 0.08 rad."""
+stay far below: a yaw rate that changes by 90 deg/s within 0.1 s gives 0.08 rad."""
 LONGEST_CARRIED = 0.5
 """Longest time, s, over which a yaw is predicted for this comparison."""
 FEWEST, FEWEST_WITHIN = 4, 3.0
-"""Least number of attitudes within this time, s, that is enough. circnav requests ten and more per second."""
+"""Least number of attitudes within this time, s, to follow the vehicle's turns. circnav requests 20 per second."""
 REPEATED = 0.2
 """Within this time, s, an equal stamp is a repeated message. Later, the vehicle's clock has stopped."""
 ACCELERATIONS = {"HIGHRES_IMU": 1.0, "RAW_IMU": GRAVITY / 1000, "SCALED_IMU": GRAVITY / 1000}
@@ -156,7 +157,7 @@ class OwnMotionSensor:
             return False
         values = (*angles, message.rollspeed, message.pitchspeed, message.yawspeed)
         bounds = (MOST_ANGLE, MOST_ANGLE, MOST_ANGLE, MOST_RATE, MOST_RATE, MOST_RATE)
-        if not all(abs(value) <= bound for value, bound in zip(values, bounds, strict=True)):  # NaN is not, either
+        if not all(abs(value) <= bound for value, bound in zip(values, bounds, strict=True)):  # false for NaN, too
             return False
         measured = self._measured(message.time_boot_ms, now)
         if measured is None:
@@ -217,9 +218,9 @@ class OwnMotionSensor:
         own = OwnMotion(self._attitude_at, psi, turn_rate, airspeed, felt=self._accelerations.felt)
         roll, pitch = (min(max(angle, -MOST_TILT), MOST_TILT) for angle in (body.roll, body.pitch))
         if banks:
-            coordinated = YawRate(GRAVITY * tan(roll) / max(airspeed, 1.0))
+            turn = turn_rate_from_yaw_rate(YawRate(GRAVITY * tan(roll) / max(airspeed, 1.0)))
             above = pitch - (self.at(now).climb or 0.0) / max(airspeed, 1.0)
-            return own._replace(bank_turn=turn_rate_from_yaw_rate(coordinated), bank=-roll, pitch=above)
+            return own._replace(bank_turn=turn, bank=left_bank_from_roll(roll), pitch=above)
         return own._replace(push=push_from_tilt(roll, pitch, psi))
 
     def at(self, now: float) -> Motion:
@@ -236,7 +237,7 @@ class OwnMotionSensor:
 def _angles(message: Message) -> tuple[float, float, float] | None:
     """Return roll, pitch and yaw of either attitude message, or None for another message.
 
-    An invalid quaternion gives NaN. A vehicle may send both messages: one with each stamp is enough.
+    An invalid quaternion gives NaN. If a vehicle sends both messages with the same stamp, only the first is used.
     """
     if message.get_type() == "ATTITUDE":
         return message.roll, message.pitch, message.yaw
@@ -274,7 +275,7 @@ class Accelerations:
         force = unit * message.xacc, unit * message.yacc, unit * message.zacc
         time = message.time_boot_ms / 1e3 if kind == "SCALED_IMU" else message.time_usec / 1e6
         step, self._time = time - self._time, time
-        sound = 0 <= step <= LONGEST_STEP and all(abs(value) < MOST_FORCE for value in force)  # NaN is not
+        sound = 0 <= step <= LONGEST_STEP and all(abs(value) < MOST_FORCE for value in force)  # false for NaN
         if not sound or attitude is None or abs(time - attitude.time) > OLDEST_ATTITUDE:
             self.felt = None
             return

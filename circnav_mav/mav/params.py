@@ -1,7 +1,7 @@
 """Reader of the vehicle's parameters by name: PARAM_REQUEST_READ with retries, never a write.
 
 ArduPilot 4.6 and PX4 do not answer for an unknown name, so an unanswered name counts as unknown. Their request queues
-are short (ArduPilot: 20, with room for 5 answers), so few requests are pending at a time.
+are short (ArduPilot: 20 requests, 5 answers), so few requests are pending at a time.
 """
 
 import struct
@@ -18,7 +18,7 @@ ANSWER_TIMEOUT = 0.7
 TRIES = 3
 """Number of requests per parameter; chosen."""
 AT_ONCE = 5
-"""Limit of pending requests: a slow radio does not queue more."""
+"""Limit of pending requests: keeps the queue in a slow radio short."""
 BY_NAME = -1
 """param_index of a request by name (MAVLink)."""
 _FORMATS = {
@@ -35,8 +35,8 @@ def parameter_value(message: Message, *, bytewise: bool) -> float:
     """Return the number in a PARAM_VALUE. bytewise: False for ArduPilot, which casts integers to float (C cast). True
     for PX4, which sends their bytes in place of the float.
 
-    The bytes are read from the frame after its header. A float that holds an integer may be a signaling NaN, which
-    Python changes on reading. (pymavlink's `get_payload` uses a wrong offset in MAVLink 2.)
+    The bytes are read from the frame itself, after its header. Read as a float, an integer's bytes may be a signaling
+    NaN, which Python changes. (pymavlink's `get_payload` uses a wrong offset in MAVLink 2.)
     """
     layout = _FORMATS.get(message.param_type)
     if not bytewise or layout is None:

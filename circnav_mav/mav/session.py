@@ -116,7 +116,8 @@ class Session:
     # --- in ---
 
     def receive(self, message: Message, now: float, source: Hashable) -> bool:
-        """Process one message. Return True if it is from the pinned vehicle. Others do not change its state."""
+        """Process one message. Return True if it is from the pinned vehicle. Other senders' messages do not
+        change the vehicle's state."""
         before = self.peer
         if before is not None and ids(message) == self.us:
             self._in_our_name(bytes(message.get_msgbuf()), before, source, now)
@@ -148,8 +149,8 @@ class Session:
 
     def _in_our_name(self, frame: bytes, peer: Sender, source: Hashable, now: float) -> None:
         """Process a frame with our ids: an echo of ours, or one from another companion."""
-        # The vehicle forwards only frames that it has received: another companion sends to it. From another address,
-        # any sender may use our ids.
+        # A foreign frame that comes from the vehicle's address was forwarded by the vehicle: another companion sends to
+        # it. From another address, any sender may use our ids.
         if frame in self._sent:
             self.ignored["echo"] += 1
         elif source == peer.source:
@@ -187,7 +188,7 @@ class Session:
         return frame
 
     def poll(self, now: float) -> list[Message]:
-        """Return the messages due now: our heartbeat, commands, texts. Call in a healthy tick only."""
+        """Return the messages due now: our heartbeat, commands, texts. Call only in a step without errors."""
         messages, self._replies = self.heartbeats_due(now) + self._replies, []
         if self.peer is not None:
             for result in self.commands.take_results():
@@ -208,7 +209,7 @@ class Session:
         return results
 
     def drop_mode_requests(self) -> None:
-        """Drop mode requests: the mode was reached, or the operator has chosen another, or may have."""
+        """Drop mode requests: the mode was reached, or the operator has chosen another mode, or may have done so."""
         self.mode_requests_dropped += self.commands.drop(dialect.MAV_CMD_DO_SET_MODE)
         self._mode_results.clear()
 

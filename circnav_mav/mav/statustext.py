@@ -43,7 +43,7 @@ class Announcer:
         return messages
 
     def _chunks(self, severity: int, text: str) -> list[Message]:
-        """Return the messages of one text. The last chunk contains a zero, which ends the text, and may be empty."""
+        """Return the messages of one text. A zero in the last chunk ends it. After full chunks, that chunk is empty."""
         data = text.encode("ascii", "replace")[:LONGEST_TEXT]
         if len(data) <= CHUNK:
             return [dialect.MAVLink_statustext_message(severity, data)]

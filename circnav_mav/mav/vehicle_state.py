@@ -10,14 +10,14 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.statustext import TextReader
 
 AHEAD, AHEAD_SHARE = 5.0, 0.25
-"""Largest lead of the vehicle's clock over ours after a silence, s, plus a share of the silence. Links buffer, and
-simulators run fast."""
+"""Largest plausible lead of the vehicle's clock over ours after a silence, s, plus this share of the silence.
+Links buffer, and simulators may run faster than real time."""
 OVERTAKEN = 64
 """Largest step back in the sequence number that counts as reordering: half a second or more of frames. After a larger
 step the frame counts as new: frames were lost, or the vehicle has rebooted."""
 APART = 0.2
-"""Least time between two heartbeats sent at their own rate, s (ArduPilot's shortest: 0.25). A backlog arrives at
-once."""
+"""Least time between two heartbeats that arrive as they are sent, s (ArduPilot's shortest interval: 0.25). The
+heartbeats of a backlog arrive at once."""
 BATTERY_MAX_AGE = 5.0
 """Oldest battery level that is reported, s. SYS_STATUS arrives once a second."""
 NOT_FLYING = (
@@ -52,7 +52,7 @@ class VehicleState:
         """Time of the vehicle's last mode report, s."""
         self.heartbeats = 0
         self.departures = 0
-        """Number of times that the vehicle left the guided mode or was disarmed in it, also between two steps."""
+        """Number of times that the vehicle left the guided mode or was disarmed in it, even for less than a step."""
         self.left_for: str | None = None
         """Mode entered at the newest departure, None if the vehicle was disarmed."""
         self.on_ground: bool | None = None
@@ -62,7 +62,7 @@ class VehicleState:
         """Number of reboots, including takeovers of the vehicle's ids by another vehicle."""
         self.unproven = False
         """True if the vehicle's identity is unconfirmed, after a silence or a change of address. Ids prove nothing:
-        many vehicles have the default ones. The time since boot proves it, and is not required if none was reported."""
+        many vehicles have the default ones. The time since boot proves it. If none was reported, no proof is needed."""
         self.clock_speed = ClockSpeed()
         self.texts: deque[str] = deque(maxlen=8)
         self._text_reader = TextReader()

@@ -21,7 +21,7 @@ from circnav_mav.mission.schema import advice
 WEAK = 0.1
 """Share of the default gain below which a law hardly turns the vehicle."""
 RADIUS_OFF = 0.01
-"""Largest steady radius error of a law without a warning, as a share of the radius: less than the ranges scatter."""
+"""Steady radius error of a law from which `check` warns, as a share of the radius: less than the ranges scatter."""
 TURN_USED = 0.7
 """Share of the vehicle's turn rate that the circle may need. The remaining share is for wind and the approach."""
 NEED_MOTION = frozenset({"drift", "unicycle"})

@@ -10,7 +10,8 @@ from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mission.mission import Mission
 
 LOOP_BOUND = 0.4
-"""Bound on V |d omega/d r'| (turn lag + filter lag): above about 0.45 the laws oscillate in a limit cycle."""
+"""Bound on the loop gain V |d omega/d r'| (turn lag + filter lag), with turn rate omega and range rate r'. Above about
+0.45 the laws oscillate in a limit cycle."""
 REACH = 0.8
 """Largest range on the circle, as a share of the maximum range."""
 HEIGHT_COST = 0.3
@@ -132,7 +133,10 @@ def _slant(mission: Mission) -> Iterator[Check]:
 
 
 def height_cost(mission: Mission, height: float) -> Check:
-    """Return the check of the radius error due to a height error: with rho^2 = slant^2 - h^2, d rho = -h/rho dh."""
+    """Return the check of the radius error due to a height error.
+
+    Horizontal range rho, height h: rho^2 = slant^2 - h^2, so that d rho = -h/rho dh.
+    """
     cost = abs(height) / min(mission.radii)
     words = f"1 m of error in the height above the target ({height:.1f} m) changes the radius by {cost:.2f} m"
     return Check(WARN if cost > HEIGHT_COST else PASS, "height cost", f"{words} (WARN above {HEIGHT_COST:g})")

@@ -144,7 +144,7 @@ def _check_numbers(mission: Mission, where: str) -> None:
 
 
 def _override(text: str) -> tuple[list[str], Any]:
-    """Return an override such as `orbit.radius_m=80` as keys and a TOML value. Other values become strings."""
+    """Return keys and value of an override such as `orbit.radius_m=80`. A value that is not TOML becomes a string."""
     key, sign, value = text.partition("=")
     if not sign or not key.strip():
         raise MissionError(f"--set {text}: write it as table.key=value")

@@ -32,7 +32,8 @@ largest range is below the second value, m, have this default."""
 SLOWEST_ANSWER = 1.2
 """Largest round trip of the link with which the vehicle is engaged, as a multiple of `limits.stale_s`."""
 LONGEST_OUTAGE = 60.0
-"""Silence of the vehicle, s, after which the mission does not resume. A longer `limits.hold_s` is used instead."""
+"""Time, s, after the loss of the link at which the mission ends unless the vehicle is steered again. A longer
+`limits.hold_s` is used instead."""
 SIM = "sim"
 """Endpoint of the bundled vehicle."""
 
@@ -63,8 +64,8 @@ class Mission:
 
     @property
     def orbit(self) -> Orbit:
-        """First circle, in SI units and radians. max_turn_rate is the smaller of the given one and that of a
-        coordinated turn at the bank limit."""
+        """First circle, in SI units and radians. max_turn_rate is the smaller of the given limit and the rate
+        of a coordinated turn at the bank limit."""
         vehicle = self.file.vehicle
         banked = GRAVITY * tan(radians(vehicle.max_bank_deg)) / vehicle.speed_mps if vehicle.max_bank_deg else inf
         given = radians(vehicle.max_turn_rate_deg_s) if vehicle.max_turn_rate_deg_s else inf
@@ -173,7 +174,7 @@ class Mission:
         return given if isinstance(given, float) else min((one.least_turn_gain for one in self.vehicles), default=1.0)
 
     def pilot_settings(self, output_mode: OutputMode = OutputMode.FLY) -> PilotSettings:
-        """Return the settings of the pilot. Raises ValueError for a gain without a radius correction."""
+        """Return the settings of the pilot. Raises ValueError if the gain has no radius correction."""
         file = self.file
         return PilotSettings(
             orbit=self.orbit,
@@ -238,7 +239,7 @@ class Mission:
 
     def _unsigned_links(self) -> frozenset[str]:
         accepted = self.file.signing.accept_unsigned if self.file.signing else False
-        if accepted == "ranging" or (self.ranging_driver and not accepted):  # a driver's frames are our own
+        if accepted == "ranging" or (self.ranging_driver and not accepted):  # circnav itself produces a driver's frames
             return frozenset((RANGING,))
         return frozenset(LINKS if accepted else ())
 

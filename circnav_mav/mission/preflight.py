@@ -21,17 +21,17 @@ SILENT = 2.0
 SLOW_ROUND_TRIP = 0.1
 """Round trip to the autopilot, s, above which the delay is no longer small compared to a turn lag of 0.4 s."""
 LEAST_SPAN = 1.0
-"""Least time, s, to measure the speed of a clock within a few percent."""
+"""Least time, s, in which the speed of a clock can be measured within a few percent."""
 LEAST_SLIP = 0.08
-"""Difference between two clocks over the time of measurement, s, above which preflight warns. PX4's simulator ran at
-0.985 of real time: ranges counted as 0.3 s older than they were, and one flight of four ended with RANGE STALE."""
+"""Difference that arises between two clocks during the measurement, s, above which preflight warns. PX4's simulator ran
+at 0.985 of real time: ranges counted as 0.3 s older than they were, and one flight of four ended with RANGE STALE."""
 TROUBLE = ("prearm", "arm:", "failsafe", "failed", "error", "unhealthy", "denied", "variance")
 """Words by which preflight selects the STATUSTEXTs that it repeats."""
 
 
 def judge(mission: Mission, listener: PreflightListener, clock_speed: float = 1.0) -> list[Check]:
-    """Return all lines for a completed survey. clock_speed: speed of the run's clock relative to real time, if the run
-    follows the autopilot's clock."""
+    """Return all lines of a completed preflight. clock_speed: speed of the run's clock relative to real time, if the
+    run follows the autopilot's clock."""
     if not listener.session.up:
         misfits = "; ".join(listener.session.misfits.values())
         why = misfits or f"no autopilot heartbeat, {listener.connection.counts[VEHICLE].describe()}"

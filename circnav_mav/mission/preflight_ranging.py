@@ -16,12 +16,12 @@ from circnav_mav.pilot.preflight_listener import PreflightListener, ReceivedRang
 FULL_RATE = 0.8
 """Share of the expected rate (`ranging.rate_hz`, or of a requested stream) from which a measured rate passes."""
 SPEED_OFF = 0.03
-"""Largest relative difference between the speeds of another clock and of ours. A larger one: a simulator at another
-speed, or a wrong clock."""
+"""Largest relative difference between the speeds of another clock and of ours. A larger one means a simulator at
+another speed, or a wrong clock."""
 NOISE_NEAR, NOISE_FAR = 1.5, 4.0
 """Ratio of measured to assumed noise: PASS up to the first, FAIL above the second. For n residuals both bounds are
-multiplied by 1 + 1/sqrt(n). A correct value of 0.5 m then fails to pass in 3 of 1000 preflights with 10 ranges, and in
-none of 20,000 with 50 ranges."""
+multiplied by 1 + 1/sqrt(n). A correct assumption of 0.5 m then fails to pass in 3 of 1000 preflights with 10 ranges,
+and in none of 20,000 with 50 ranges."""
 MOST_REJECTED = 0.1
 """Share of rejected ranges above which preflight warns; chosen."""
 MOST_OUTLIERS = 0.05
@@ -78,7 +78,7 @@ def _rejected(mission: Mission, listener: PreflightListener) -> Check:
 
 
 def _rates(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
-    """Check reception, noise and consistency with the ranges of the measured range rate."""
+    """Check reception and noise of the measured range rate, and its consistency with the ranges."""
     table, values = mission.file.ranging, listener.rates
     name, wanted = table.rate_name, table.rate_hz
     if trouble := listener.rate_reader.trouble:
@@ -129,7 +129,7 @@ def outliers_among(residuals: Sequence[float], gate: float) -> float:
 
 
 def residuals_of(ranges: Sequence[ReceivedRange]) -> list[float]:
-    """Return the noise residuals of ranges, m. A turn with 1 m/s^2 at 10 Hz contributes only 4 mm."""
+    """Return the noise residuals of ranges, m. An acceleration of 1 m/s^2 contributes only 4 mm at 10 Hz."""
     moments = [(one.time, one.r) for one in ranges]
     threes = zip(moments, moments[1:], moments[2:], strict=False)
     return [float(residual(*three)) for three in threes if three[0][0] < three[1][0] < three[2][0]] or [0.0]

@@ -1,4 +1,4 @@
-"""Validation errors of a TOML file from pydantic, as one line for the author of the file."""
+"""Text of pydantic's validation errors of a TOML file: one line for the author of the file."""
 
 from collections.abc import Iterator
 from difflib import get_close_matches

@@ -116,8 +116,8 @@ def advice(removed: Iterable[str]) -> str:
 
 
 class Table(BaseModel):
-    """A table that rejects unknown keys, silent conversions, NaN and infinity. TOML allows both, but a bound with
-    such a value would act never, or always."""
+    """A table that rejects unknown keys, silent conversions, NaN and infinity. TOML allows NaN and infinity, but
+    a bound with such a value would act never, or always."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
@@ -173,7 +173,7 @@ class RangingTable(Table):
     beacon_id: Annotated[int, Field(ge=0, le=65535)] | None = None
     sensor_id: Annotated[int, Field(ge=0, le=255)] | None = None
     orientation: Annotated[int, Field(ge=0, le=100)] | None = None
-    name: Annotated[str, Field(min_length=1, max_length=10)] = "RANGE"  # 10: of NAMED_VALUE_FLOAT
+    name: Annotated[str, Field(min_length=1, max_length=10)] = "RANGE"  # 10: limit of NAMED_VALUE_FLOAT
     rate_name: Annotated[str, Field(min_length=1, max_length=10)] | None = None
     rate_sign: Literal["opening", "closing"] = "opening"
     system_id: SystemId | None = None

@@ -24,8 +24,8 @@ class AirPath:
         self.implausible_airspeed: float | None = None
 
     def receive(self, message: Message, now: float, *, steering: bool, flies: bool) -> None:
-        """Process a message of the vehicle: update the height and, for an attitude, the turn response and the
-        estimators. flies: False in a dry run."""
+        """Process a message of the vehicle. Update the height and, if the message is an attitude, the turn response
+        and the estimators. flies: False in a dry run."""
         adapter, motion, controller = self._session.adapter, self._session.motion, self._controller
         motion.keeps_heading = steering
         is_attitude = motion.receive(message, now)
@@ -36,11 +36,11 @@ class AirPath:
         own = nose = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
         if own is None or nose is None:
             return
-        if not adapter.flies:  # a rover tilts with the ground, which does not accelerate it
+        if not adapter.flies:  # a rover tilts with the ground: its tilt shows no acceleration
             own = own._replace(push=None)
-        # ArduPilot's copters and rovers have the commanded speed over ground. Their accelerations show how the velocity
+        # ArduPilot's copters and rovers hold the commanded speed over ground. Their accelerations show how the velocity
         # follows the nose. Guidance would compensate this as drift: the emulated copter swung until its gains were
-        # lowered. For PX4's copter a model of the velocity loop has computed this already.
+        # lowered. For PX4's copter, the model of its velocity loop (below) computes how the velocity follows.
         if not adapter.measures_airspeed and adapter.velocity_loop is None:
             own = own._replace(felt=None)
         if adapter.velocity_loop is not None and steering:
@@ -58,7 +58,7 @@ class AirPath:
             self._tracker.estimator.move(own)
 
     def _airspeed(self, now: float) -> float:
-        """Return the true airspeed: measured where possible, else the commanded speed."""
+        """Return the true airspeed, m/s: measured where possible, else the commanded speed."""
         adapter, motion = self._session.adapter, self._session.motion.at(now)
         measured = motion.airspeed if adapter.measures_airspeed else None
         used = adapter.airspeed(measured)

@@ -1,6 +1,6 @@
 """Controller of the vehicle, and setpoints that may be sent. The operator always has priority.
 
-`Authority.allowed` combines the controller of the vehicle (`Holder`) with whether it is currently confirmed.
+`Authority.allowed` permits setpoints only while the controller of the vehicle (`Holder`) is confirmed.
 """
 
 from enum import Enum
@@ -11,7 +11,7 @@ from circnav_mav.pilot.mode_request import ModeRequest
 from circnav_mav.pilot.settings import OutputMode, PilotSettings
 
 GIVEN_AFTER = 1.5
-"""Time, s, that consecutive reports must show the guided mode before circnav takes control again. A mode switch may
+"""Time, s, for which all reports must show the guided mode before circnav takes control again. A mode switch may
 pass through that mode, and older reports may arrive late over another link."""
 TAKEN_OVER = "taken over"
 """First words of all STATUSTEXTs about a takeover. Charts use them to mark the event."""
@@ -65,7 +65,7 @@ class Authority:
         self._asked_in: int | None = None
         """Mode of the vehicle when the guided mode was first requested."""
         self._operator_chose = False
-        """True if the operator, or a failsafe, has changed the mode since."""
+        """True if the operator, or a failsafe, has changed the mode since that request."""
 
     # --- what may be sent -------------------------------------------------------------------------------------------
 
@@ -87,7 +87,7 @@ class Authority:
 
     @property
     def in_our_hands(self) -> bool:
-        """True if the vehicle is in the guided mode and under our control: after engaging, or at our request."""
+        """True if the vehicle is in the guided mode and under our control: it was engaged, or we requested the mode."""
         may = self._mission.begun or self._came_at_our_request
         return may and self._flies and self.holder is Holder.US and self._session.vehicle.in_our_mode
 
@@ -102,7 +102,7 @@ class Authority:
         return self._asked_in is not None and not self._operator_chose
 
     def may_send_last_frames(self) -> bool:
-        """True if the caller may send the safe setpoint after the pilot has failed."""
+        """True if the caller may send the safe setpoint after an internal error of `Pilot`."""
         return self.in_our_hands and self._mission.phase not in NOT_OURS and not self._session.vehicle.unproven
 
     def may_request_exit(self, now: float) -> bool:
@@ -113,7 +113,7 @@ class Authority:
     # --- conditions of an engagement --------------------------------------------------------------------------------
 
     def obstacle(self, now: float) -> str:
-        """Return the condition that must be met before the vehicle is engaged, as a text. Empty if none is missing."""
+        """Return a text about a condition that must be met before the vehicle is engaged, or an empty string."""
         vehicle, guided = self._session.vehicle, self._session.adapter.guided_name
         if self.holder is not Holder.US:
             enter = f"leave {guided} and enter it" if self.holder is Holder.OPERATOR_IN_MODE else f"enter {guided}"
@@ -192,7 +192,7 @@ class Authority:
     # --- controller of the vehicle ----------------------------------------------------------------------------------
 
     def watch_takeover(self, now: float) -> tuple[str, Outcome] | None:
-        """Return a takeover in this step, as STATUSTEXT and as outcome, or None."""
+        """Return a takeover detected in this step, as STATUSTEXT and as outcome, or None."""
         session, vehicle = self._session, self._session.vehicle
         # We keep the control while the link is lost, and after the operator has given it back but the vehicle cannot be
         # steered yet.
@@ -234,7 +234,7 @@ class Authority:
     def stepped(self, now: float) -> bool:
         """Begin a step. Return True if received data may date from a gap between steps.
 
-        After such a gap, the operator may have taken over until a heartbeat reports the vehicle's mode.
+        After such a gap, assume that the operator may have taken over, until a heartbeat reports the vehicle's mode.
         """
         heartbeats, backlog = self._session.vehicle.heartbeats, self.may_be_backlog(now)
         if self._stood_still(now):

@@ -41,11 +41,11 @@ NOISE = "range noise {found[1]:.2g} m, expected {found[0]:.2g} m"
 class Condition:
     """A row of the table. Texts are format strings of `found`, the evidence of the condition, and `p`, the pilot.
 
-    name: stable key, also in summary.json. find: function from pilot and time to `found`, false if not active. short:
-    STATUSTEXT at the beginning, at most 41 characters, empty for none. long: text of the alarm on display, page and
-    verdict, empty if the condition is no alarm. over: STATUSTEXT at the end. repeats: True to send `short` at each
-    change of `found`. once: True to send `short` once per flight. steering: True if the condition exists only while
-    the vehicle is steered. The end of steering then ends the condition without a text.
+    name: stable key, also in summary.json. find: function from pilot and time to `found`, which is falsy while the
+    condition is not active. short: STATUSTEXT at the beginning, at most 41 characters, empty for none. long: text
+    of the alarm on display, page and verdict, empty if the condition is no alarm. over: STATUSTEXT at the end. repeats:
+    True to send `short` at each change of `found`. once: True to send `short` once per flight. steering: True if the
+    condition exists only while the vehicle is steered. The end of steering then ends the condition without a text.
     """
 
     name: str
@@ -70,7 +70,7 @@ class Conditions:
         self._pilot, self._say = pilot, pilot.session.announcer.say
         self._active: dict[str, object] = {}
         self._sent: dict[str, object] = {}
-        """State of each condition whose text was sent."""
+        """Value of `found` when `short` was last sent, by name of the condition; True without `repeats`."""
 
     @property
     def alarms(self) -> dict[str, str]:
@@ -132,9 +132,9 @@ CLOCK_SPEED = Condition(
     long='CLOCK: autopilot time runs {found:.2g} times as fast as ours: for a simulator set link.clock = "autopilot"',
 )
 NOT_RECORDING = Condition("not_recording", long="NOT RECORDING: {found}")
-"""Detected by the recorder, because it depends on the disk of the flight, which a replay lacks."""
+"""Condition that the recorder detects, because it depends on the disk in flight, which a replay cannot reproduce."""
 EXTRA_STOPPED = Condition("extra_stopped", long="{found}")
-"""Detected by `Onlookers`."""
+"""Condition that `Onlookers` detects."""
 
 TABLE = (
     *(
@@ -222,7 +222,7 @@ TABLE = (
     ),
     Condition(
         "most_ranges_rejected",
-        # A link that delivers every range three times has two thirds rejected as duplicates, but loses none.
+        # If a link delivers every range three times, two thirds are rejected as duplicates, but none is lost.
         lambda p, now: (
             (one := p.rates.whole) and one.refused > MOST_REJECTED * one.ranges
             and one.taken < MOST_REJECTED * p.settings.ranging.rate_hz and one

@@ -48,8 +48,8 @@ class Connection:
     def receive(self, data: bytes, now: float, source: Hashable, link: str) -> Iterator[tuple[Message, bool, bool]]:
         """Yield the messages of a datagram (or chunk of a stream) that arrived at `now` from `source` on a link.
 
-        Each message comes with two flags: True if the pinned vehicle sent it, and True if it may be a range, that is,
-        the mission's ranging message on the ranging link.
+        Each message comes with two flags: True if the session's vehicle sent it, and True if it may be a range, that
+        is, the mission's ranging message on the ranging link.
         """
         decoder = self.decoders[link]
         for message in decoder.decode(data):

@@ -18,16 +18,16 @@ from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.pilot.settings import PilotSettings
 
 SPEED_UP = 2.5
-"""Time, s, of turning as commanded after which the vehicle is assumed to fly at V. A multicopter needs this time to
-accelerate from 0 to 5 m/s. The estimator would mistake the slower path for a drift."""
+"""Time, s, of turning as commanded after which the vehicle is assumed to have the commanded speed. A multicopter needs
+this time to accelerate from 0 to 5 m/s. The estimator would mistake the lower speed for a drift."""
 LONGEST_GAP = 1.0
 """Gap between two reports of own motion, s, above which the vehicle may have stopped in between."""
 UNRESPONSIVE_AFTER = 1.0
 """Time without turning as commanded, s, after which the vehicle counts as not following its commands. Reversing a turn
 takes less time."""
 DOUBTED_AFTER = 0.7
-"""Time without turning as commanded, s, after which the estimators receive no path. When a turn is reversed, commanded
-and flown turn differ for this long."""
+"""Time without turning as commanded, s, after which the estimators do not receive the motion of a vehicle without
+airspeed sensor. When a turn is reversed, commanded and flown turn differ for this long."""
 RELATIVE = ("auto", "drift")
 """Estimators of the relative motion."""
 LONGEST_DELAY = 2.0
@@ -95,8 +95,8 @@ class Controller:
         return now - self._followed_at <= DOUBTED_AFTER and now - self._slow_at >= SPEED_UP - SAME_TIME
 
     def on_motion(self, own: OwnMotion, nose: OwnMotion) -> None:
-        """Update turn-rate gain, delay and `followed` from the vehicle's heading. nose: motion as
-        the autopilot reports it."""
+        """Update turn-rate gain, delay and `followed` from the vehicle's heading. own: motion along the path through
+        the air. nose: motion of the nose, as the autopilot reports it."""
         before = self.answer.command_gain.time
         if not self.answer.on_motion(own, nose):
             return
@@ -172,17 +172,17 @@ class Controller:
         return message, steer.yaw_rate
 
     def commanded(self, sent: YawRate, now: float) -> None:
-        """Expect the vehicle's reaction to a yaw rate that was sent."""
+        """Record a yaw rate that was sent, to compare the vehicle's turn with it."""
         self.answer.command(now, turn_rate_from_yaw_rate(sent))
 
     def safe_setpoint(self, session: Session, now: float, *, engaged: bool = True) -> Message:
-        """Return the vehicle's safe setpoint. engaged: hold the height of the engagement. Raises
+        """Return the vehicle's safe setpoint. engaged: True to hold the height of the engagement. Raises
         UnsafeSetpointError."""
         state = self._state(session, now, engaged=engaged)
         return self._guard.check_message(session.adapter.safe_setpoint(state, now), session.adapter.shapes)
 
     def disengage(self) -> None:
-        """End the stream: the next setpoint starts a new one, at a new height."""
+        """End the stream of setpoints. The next setpoint starts a new stream, at a new height."""
         self._loop.reset()
         self._height = None
 

@@ -9,7 +9,7 @@ from circnav_mav.mav.own_motion import AIR_MAX_AGE, MOST_ALTITUDE
 from circnav_mav.pilot.settings import HeightSettings
 
 MOST_CLIMB = 20.0
-"""Climb or sink rate, m/s, above that of all supported vehicles. A faster change is a reset altitude estimate."""
+"""Climb or sink rate, m/s, above that of all supported vehicles. A faster change means a reset altitude estimate."""
 BUNCHED = 0.25
 """Least interval, s, assumed between two altitudes: a link may deliver several at once."""
 RETURNS = 3.0
@@ -37,7 +37,7 @@ class Height:
         self._jumped = 0.0
         """Sum of the altitude jumps since the engagement, m. They do not change the height."""
         self._doubt: tuple[float, float, float] | None = None
-        """Time of the newest jump, the altitude before it, and its size."""
+        """Time of the first recent jump (s), the altitude before it (m), and the sum of the recent jumps (m)."""
 
     def engage(self) -> None:
         """Fix home and height for the flight: the vehicle is steered from now on."""
@@ -62,7 +62,7 @@ class Height:
         if before is None or abs(change) <= MOST_CLIMB * waited:
             self._forgive(altitude, now)
             return
-        # The vehicle did not move, only the zero of its altitude. A glitch that appears and disappears has no effect.
+        # The zero of the altitude has moved, not the vehicle. A glitch that appears and disappears has no effect.
         began, origin, so_far = self._doubt or (now, before, 0.0)
         self._doubt = began, origin, so_far + change
         self._zero += change
@@ -78,7 +78,7 @@ class Height:
             self._jumped -= jump
 
     def at(self, now: float) -> float | None:
-        """Return the height, m, or None if it is unknown or the mission has none."""
+        """Return the height, m, or None if it is unknown or the mission gives no height."""
         live = self._engaged or now - self._received_at <= AIR_MAX_AGE
         if self._zero is None or self._altitude is None or not live:
             return self._settings.above_target

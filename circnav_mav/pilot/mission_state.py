@@ -87,11 +87,11 @@ class Outcome:
 class Timing:
     """Time limits, all in s.
 
-    duration: of the flight after engaging. wait_link, wait_ranging: longest waits before the first engagement. stale:
-    age of the newest range up to which the prediction steers. hold: longest time after that for which the circle's turn
-    rate is held. unfollowed: longest time without following turn commands before the exit action. outage: longest
-    silence of the vehicle after which the mission resumes. round_trip: largest round trip with which the vehicle is
-    engaged. tick: period of the steps without fresh ranges.
+    duration: time from the engagement to the end of the flight. wait_link, wait_ranging: longest waits before the first
+    engagement. stale: age of the newest range up to which the prediction steers. hold: longest time after that for
+    which the circle's turn rate is held. unfollowed: longest time without following turn commands before the exit
+    action. outage: longest time from the loss of the link until the vehicle is steered again. round_trip: largest round
+    trip with which the vehicle is engaged. tick: period of the steps without fresh ranges.
     """
 
     duration: float
@@ -109,7 +109,7 @@ class MissionState:
     """Phase, times and outcome of a mission. Only events change the phase."""
 
     def __init__(self, hold: float = 10.0) -> None:
-        """hold: longest time without ranges, s."""
+        """hold: longest time in the phase HOLDING, s."""
         self.hold = hold
         self.phase = Phase.WAIT_LINK
         self.since = 0.0
@@ -153,8 +153,8 @@ class MissionState:
         self.happened(Event.LINK_LOST, now)
 
     def finish(self, outcome: Outcome, now: float, *, ours: bool) -> bool:
-        """End the mission. Return True for the first reason, which becomes the outcome. ours: True if the vehicle must
-        be returned."""
+        """End the mission. Return True for the first reason, which becomes the outcome. ours: True if the exit
+        action must be requested."""
         first = self.outcome is None
         self.outcome = self.outcome or outcome
         self.happened(Event.FINISH_OURS if ours else Event.FINISH, now)

@@ -9,14 +9,14 @@ PROOF = 3.0
 TRIES = 3
 """Number of requests before a mode request counts as failed; chosen."""
 SAFE_SETPOINTS = 3
-"""Number of safe setpoints sent before the stream ends: a datagram can be lost."""
+"""Number of safe setpoints sent before the stream ends by the exit action `stop`: a datagram can be lost."""
 PATIENCE = 12.0
 """Longest time, s, for the exit action. After this time the stream of setpoints ends without the action."""
 STOP_SENDING = "stop"
 
 
 class ModeRequest:
-    """Request of one mode, repeated until it fails with a reason. Only the vehicle's heartbeat confirms the mode."""
+    """Request of one mode, repeated until the vehicle's heartbeat confirms the mode, or until the request fails."""
 
     def __init__(self) -> None:
         self._tries = 0
@@ -28,7 +28,7 @@ class ModeRequest:
         return now < self._due
 
     def ask(self, session: Session, mode: int, now: float) -> str | None:
-        """Request the mode again if a request is due. Return the reason if it failed for good, else None."""
+        """Send a request if one is due. Return the reason if the mode request has failed for good, else None."""
         report = f', the vehicle reports "{session.texts[-1]}"' if session.texts else ""
         refusals = [result for result in session.take_mode_results() if not result.accepted]
         if refusals:

@@ -15,7 +15,7 @@ from circnav_mav.pilot.mode_request import ExitAction
 
 DIRECTIONS = {1.0: Direction.CLOCKWISE, -1.0: Direction.COUNTERCLOCKWISE}
 LONGEST_HOLD = 600.0
-"""Largest hold time without ranges that may be set, s: the circle drifts with the wind during it."""
+"""Largest time, s, that may be set for holding the turn rate without ranges: the circle then drifts with the wind."""
 BY = "ground station"
 
 

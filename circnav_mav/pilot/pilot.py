@@ -2,8 +2,9 @@
 
     pilot.receive(data, now); pilot.step(now, send)
 
-The step after a fresh range steers by it. Between ranges, a prediction steers at every tick. Without ranges the
-circle's turn rate is held, and after a time limit the flight ends. The operator always has priority: see `authority`.
+The step after a fresh range steers by this range. Between ranges, a prediction steers at every tick. Without ranges
+the circle's turn rate is held, and after a time limit the flight ends. The operator always has priority: see
+`authority`.
 """
 
 from collections import Counter
@@ -74,7 +75,7 @@ class Pilot:
         self.status = StatusText(settings, self.connection, self.mission, self._authority, self.tracker)
         self.law: str = ""
         self.why: str = ""
-        """Reason for the law chosen by `auto` or the search, human-readable. Empty if the law is fixed."""
+        """Reason for the law that `auto` or `drift` flies now, human-readable. Empty for other laws."""
         self.drift_alarm: DriftAlarm = DriftAlarm()
         self.rates: RateMeter = RateMeter()
         self.allowance: Allowance = Allowance()
@@ -130,8 +131,8 @@ class Pilot:
         self.mission.outcome = Outcome(Ending.ABORTED, reason)
 
     def _worth_reading(self, source: Hashable, size: int, now: float, link: str) -> bool:
-        """True if a datagram is read. Data of the vehicle and the ranging radio are always read, data of other senders
-        up to an allowance."""
+        """True if a datagram must be read. Data of the vehicle and the ranging radio are always read, data of other
+        senders up to an allowance."""
         peer, radio = self.session.peer, self.tracker.ranging.trusted
         unknown = peer is None if link == VEHICLE else radio is None
         trusted = link == VEHICLE and peer is not None and source == peer.source
@@ -139,7 +140,7 @@ class Pilot:
         return unknown or trusted or self.allowance.take(size, now)
 
     def _take_parameter_request(self, message: Message, now: float, source: Hashable) -> None:
-        """Answer a ground station. Its frames must arrive from the vehicle's address; others are ignored."""
+        """Answer a ground station. Its frames must arrive from the vehicle's address, else they are ignored."""
         if source != self.session.reply_to:
             return
         refusal = "" if self._signed or self.settings.unsigned_parameters else UNSIGNED
@@ -332,7 +333,7 @@ class Pilot:
         return None if allowed is Allowed.NOTHING else self.controller.safe_setpoint(self.session, now)
 
     def last_frames(self, now: float) -> bytes:
-        """Return the safe setpoint and a request of the exit action, to be sent after the pilot itself has failed.
+        """Return the safe setpoint and a request of the exit action, to be sent after an internal error of `Pilot`.
         Return no bytes if the vehicle is not under our control."""
         if not self._authority.may_send_last_frames():
             return b""

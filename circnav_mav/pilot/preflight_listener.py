@@ -26,15 +26,15 @@ from circnav_mav.pilot.settings import VEHICLE, PilotSettings
 TICK = 0.05
 """Time between two steps, s, as in a flight."""
 SETTLE = 2.0
-"""Time, s, between finding the vehicle and the begin of the measurement: the requested streams start meanwhile."""
+"""Time, s, from finding the vehicle to the start of the measurement: the requested streams start meanwhile."""
 PARAMETER_PATIENCE = 10.0
 """Longest time, s, for which the listener waits for missing parameters after the measurement."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReceivedRange:
-    """One accepted range. stamp: sensor's clock, s. time: same time on our clock, s. arrival: our clock, s. r: slant
-    range, m. sigma: m."""
+    """One accepted range. stamp: time of measurement on the sensor's clock, s. time: the same on our clock, s.
+    arrival: on our clock, s. r: slant range, m. sigma: standard deviation of r, m."""
 
     stamp: float
     time: float
@@ -76,7 +76,7 @@ class PreflightListener:
         self._found: float | None = None
         self._counted: Counter[int] = Counter()
         self._boots: defaultdict[int, list[Moment]] = defaultdict(list)
-        """Boot times by number of reboots seen."""
+        """Pairs (our time, time since boot), s, by number of reboots so far."""
         self._text_reader = TextReader()
 
     def receive(self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE) -> None:
@@ -120,7 +120,8 @@ class PreflightListener:
 
     @property
     def boot(self) -> Span | None:
-        """(circnav's time, time since boot) of the least delayed message in the first and in the last third."""
+        """Pairs (our time, time since boot), s, of the least delayed messages in the first and in the last third of the
+        measurement."""
         return quick_span(self._boots[self.session.vehicle.reboots])
 
     @property
@@ -150,7 +151,7 @@ class PreflightListener:
         return self._parameters.poll(self.session.vehicle_ids, now)
 
     def _take_telemetry(self, message: Message, now: float) -> None:
-        """Process a message of the pinned vehicle, after the session."""
+        """Process a message of the vehicle, after the session has processed it."""
         session, type_ = self.session, message.get_type()
         session.motion.receive(message, now)
         self.height.receive(message, session.motion.at(now).altitude, now)

@@ -21,19 +21,19 @@ from circnav_mav.pilot.settings import PilotSettings
 FRESH = 0.6
 """Age of a range, as a share of `stale`, below which steering resumes at once after ranges were stale."""
 CALM = 1.0
-"""Time, s, without stale ranges after which steering resumes otherwise. If the ages of all ranges were near `stale`,
-steering would else start and stop with each range."""
+"""Time, s, without stale ranges after which steering resumes even if the range is older than FRESH. Without this wait,
+ranges with ages near `stale` would start and stop steering again and again."""
 THINNED = 0.75
 """Least time between two ranges added to the estimator, in ticks. Ranges in between are merged. Each added range causes
 a setpoint and takes 1 to 2 ms of processor time."""
 MOST_MERGED = 1000
-"""Largest number of ranges that are merged to one range."""
+"""Largest number of ranges that are merged into one range."""
 MOST_AT_ONCE = 64
 """Number of newest ranges kept: as many as one datagram of a slow link may hold."""
 JUMP = 0.5
 """Smallest jump of the range, as a share of the radius, that is rejected. Noise of this size is rejected, too."""
 CLOSING = 2.0
-"""Largest change of the range per time, in units of V: wind and target motion add to the vehicle's speed."""
+"""Largest change of the range per time, in units of the vehicle's speed V: wind and target motion add to V."""
 JUMPED_FOR = 1.0
 """Time, s, after which a jump of the ranges is reported. Outliers are shorter."""
 
@@ -171,7 +171,7 @@ class JumpGate:
 
     @property
     def found(self) -> float:
-        """Jump since which ranges have been rejected for longer than JUMPED_FOR, m, or 0."""
+        """Jump of the ranges, m, once it has lasted for JUMPED_FOR, else 0."""
         first, newest = self._first, self._newest
         lasts = first is not None and newest is not None and newest.time - first.time >= JUMPED_FOR
         return self._by if lasts else 0.0
@@ -213,7 +213,7 @@ class Thinning:
         self._held, self._passed_at = [], float("-inf")
 
     def take(self, sample: RangeSample) -> tuple[RangeSample, int] | None:
-        """Return the merged range and the number of its ranges, or None while ranges are held.
+        """Return the merged range and the number of ranges that it replaces, or None while ranges are held.
 
         Periods are counted by the times of measurement, so that ranges of a slow radio remain separate if a link
         delivers several at once.

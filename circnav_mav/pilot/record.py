@@ -25,9 +25,9 @@ class TickRecord(NamedTuple):
     Turn rates are the paper's (counterclockwise positive) except yaw_rate_sent, which is MAVLink's. turn_gain,
     turn_delay (s): response of the vehicle to turn commands. gain_share: share of the gains left after an oscillation.
     law: law in use. x to airspeed_scale: relative motion if estimated (vehicle minus target, m; wind minus target
-    velocity, m/s; paper's frame). felt: weight of the measured accelerations in it, 0 to 1. height: above the target,
-    m, used to convert slant ranges. measured_rate: newest accepted range rate of the radio, m/s. desired: radius of the
-    circle flown now, m.
+    velocity, m/s; paper's frame). felt: weight of the measured accelerations in this estimate, 0 to 1. height: above
+    the target, m, used to convert slant ranges. measured_rate: newest accepted range rate of the radio, m/s. desired:
+    radius of the circle flown now, m.
     """
 
     time: float
@@ -79,8 +79,8 @@ def tick_record(
     now: float, phase: Phase, estimate: RangeEstimate | None, command: TurnCommand | None, sent: YawRate | None, *,
     desired: float, session: Session, tracker: RangeTracker, controller: Controller, law: str,
 ) -> TickRecord:  # fmt: skip
-    """Return the record of a step. sent: yaw rate in its setpoint, or None. desired: radius, m. law: law of the
-    mission."""
+    """Return the record of a step. sent: yaw rate in its setpoint, or None. desired: radius, m. law: chosen
+    law."""
     link_age, motion, newest = session.heartbeat_age(now), session.motion.at(now), tracker.newest
     where = estimate.relative if estimate and estimate.relative and estimate.relative.trusted else None
     return TickRecord(

@@ -15,11 +15,12 @@ KEPT = 3.0
 """Time, s, in addition to the round trip, for which the vehicle may still report a sent setpoint. In a shorter,
 unnoticed outage of the uplink, the vehicle flies the last setpoint that it received."""
 GAP = 0.5
-"""Time without a setpoint, s, after which the next one starts a new stream."""
+"""Time without a setpoint, s, after which the next setpoint starts a new stream."""
 SETTLED = 2.0
 """Time since the start of a stream, s, after which the vehicle is expected to report its setpoints."""
 SLACK, SHARE = 0.03, 0.1
-"""Tolerated difference: rad/s or rad, and share of the sent turn. The resolution of autopilots is 0.001."""
+"""Tolerated difference of a reported turn: rad/s or rad, plus a share of the sent turn. Autopilots report turns with a
+resolution of 0.001."""
 MANY, WITHIN = 4, 5.0
 """Number of differing reports that count as evidence, and time, s, within which these reports must arrive."""
 
@@ -43,7 +44,7 @@ class EchoWatch:
 
     def reported(self, turn: float | None, now: float, round_trip: float, *, limited: bool) -> None:
         """Record the turn in a report of the flown setpoint, None if the setpoint has no turn. limited: True if the
-        autopilot may reduce a setpoint, as a bank, so that any turn between 0 and the sent turn may be ours."""
+        autopilot may reduce setpoints (banks). Any reported turn between 0 and the sent turn may then be ours."""
         oldest = now - KEPT - round_trip
         while len(self._sent) > 1 and self._sent[1][0] <= oldest:
             self._sent.popleft()

@@ -47,7 +47,7 @@ class HeightSettings:
 class PilotSettings:
     """Settings of a mission, in SI units and radians.
 
-    tuning: the law on any circle. autopilot, kind: keys of the adapter table ("auto", None: as received).
+    tuning: law, with its gain for any circle. autopilot, kind: keys of the adapter table ("auto", None: as reported).
     turn_gain: ratio of realized to commanded turn rate, None to learn it in flight. radius_trim: rate of the radius
     integral, 1/s. request_mode: request the guided mode (else wait until the operator enters it). end_on_takeover:
     a takeover ends the mission (else it waits until the operator gives control back). exit: name of the exit

@@ -4,12 +4,12 @@ from collections import deque
 from statistics import median
 
 WAIT = 0.25
-"""Longest wait for an expected range, as a share of a tick. Without it, each range of a 9.98 Hz radio would arrive just
-after a tick and cause a second setpoint at once."""
+"""Longest wait for an expected range, as a share of a tick. Without this wait, each range of a 9.98 Hz radio would
+arrive just after a tick and cause a second setpoint at once."""
 AT_ONCE = 1e-5
-"""Difference, s, of expected range and tick below which there is no wait: the range has arrived or is lost."""
+"""Time, s, between expected range and tick below which there is no wait: the range has arrived or is lost."""
 REMEMBERED = 9
-"""Number of gaps between ranges in the median."""
+"""Number of newest gaps between ranges: their median predicts the next range."""
 
 
 class TickScheduler:
@@ -33,7 +33,7 @@ class TickScheduler:
         """Record a step of the pilot, and schedule the next one."""
         due = now + self._tick
         wait = WAIT * self._tick
-        # by the median gap between ranges
+        # time of the next range, by the median gap between ranges
         expected = due if self._received_at is None or not self._gaps else self._received_at + median(self._gaps)
         self.due = expected + wait if AT_ONCE < abs(due - expected) <= wait else due
 

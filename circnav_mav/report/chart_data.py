@@ -18,7 +18,7 @@ GAP = 5.0
 """Gap between two samples at which a line is interrupted, as a multiple of the median step."""
 
 SAME_ALARM = 2.5
-"""Longest time between an alarm and its STATUSTEXT, s. At most one of a kind is sent every 2 s."""
+"""Longest time between an alarm and its STATUSTEXT, s. At most one text of a kind is sent every 2 s."""
 
 
 def broken(time: Column, *columns: Column) -> tuple[Column, ...]:
@@ -33,8 +33,8 @@ def broken(time: Column, *columns: Column) -> tuple[Column, ...]:
 
 
 def fresh(ticks: Ticks) -> NDArray[np.bool_]:
-    """Return a mask of the ticks with a new range, including one rejected by its innovation. Other ticks repeat the
-    last."""
+    """Return a mask of the ticks with a new range, even if the range was rejected by its innovation. Other ticks repeat
+    the last range."""
     nis = ticks.numbers["nis"]
     # A rejected range does not change the count of accepted ones, but it changes the innovation.
     judged = np.isfinite(nis) & (np.diff(nis, prepend=np.nan) != 0)
@@ -53,12 +53,12 @@ class Track(NamedTuple):
 
     @property
     def known(self) -> NDArray[np.intp]:
-        """Indices of the estimated points."""
+        """Indices of the points with a known position."""
         return np.flatnonzero(np.isfinite(self.east) & np.isfinite(self.north))
 
 
 def known_track(ticks: Ticks, truth: Truth | None) -> Track | None:
-    """Return the true track, else the estimated one. None if neither exists: range alone does not determine it."""
+    """Return the true track, else the estimated one. None if neither exists: ranges alone do not determine a track."""
     true = truth is not None and len(truth.time) > 1
     if truth is not None and true:
         places = truth.time, truth.east - truth.target_east, truth.north - truth.target_north
@@ -85,16 +85,16 @@ def steady_command(ticks: Ticks, orbit: Orbit) -> Column | None:
 
 
 STRETCHES = 1500
-"""Stretches of a line, each drawn by its smallest and largest value."""
+"""Number of stretches into which a long line is divided. Each is drawn by its smallest and largest value."""
 MOST_DOTS = 4000
-"""Evenly spaced dots that are drawn beside the smallest and largest of each stretch, about."""
+"""Maximum number of evenly spaced dots that are drawn in addition to the smallest and largest of each stretch."""
 BINS = 240
 """Maximum number of bars of a chart. Each covers at least 1 s."""
 
 
 def chart_data(ticks: Ticks, truth: Truth | None, orbit: Orbit, names: dict[str, str], **flight: Any) -> dict[str, Any]:
-    """Return all data of the charts. names: display names of phases. flight: values of horizontal lines besides the
-    orbit."""
+    """Return all data of the charts. names: display names of phases. flight: further values and words that charts.js
+    uses."""
     span = (float(ticks.time[0]), float(ticks.time[-1]))
     phases = [names.get(phase, phase) for phase in ticks.words["phase"]]
     words = {"phase": phases, "vehicle mode": ticks.words["mode"], "law": ticks.words["law"]}

@@ -17,7 +17,8 @@ from circnav_mav.runlog.events import Event, events
 from circnav_mav.runlog.run_folder import Run
 
 MOST_EVENTS = 60
-"""Events listed on the page. Of more, the first and the last half. Chosen."""
+"""Maximum number of events listed on the page. Of more events, the first and the last ones are listed, half each.
+Chosen."""
 LABEL = 13
 """Width of the labels of a verdict, characters."""
 OUTCOMES = {"COMPLETED": "good", "INTERRUPTED": "warn", "ENDED": "neutral"}
@@ -34,7 +35,7 @@ def write_report(
     settings: values by key. added: HTML of extras.
     """
     mode, happened = next((mode for mode in OutputMode if mode.value == run.output_mode), OutputMode.FLY), events(run)
-    names = {phase.value: phase_name(phase, mode) for phase in Phase}  # with the names used when nothing was sent
+    names = {phase.value: phase_name(phase, mode) for phase in Phase}  # other names if nothing was sent
     commanded = "commanded" if run.output_mode == OutputMode.FLY.value else "would command"
     data = chart_data(run.ticks, run.truth, orbit, names, gate=gate, commanded=commanded)
     outcome, _, figures = verdict.partition("\n")

@@ -105,7 +105,8 @@ def _track(axis: Any, track: Track, radii: list[float]) -> None:
 
 
 def _arrow_places(east: Column, north: Column) -> list[int]:
-    """Return the indices of direction arrows: one on the way to the circle, and the last pass of each quarter of it."""
+    """Return the indices of direction arrows: one on the way to the circle, and one at the last pass of each of four
+    bearings."""
     late = len(east) // 2
     bearing = np.arctan2(north, east)[late:-1]
     quarters = (np.angle(np.exp(1j * (bearing - quarter * np.pi / 2))) for quarter in range(4))

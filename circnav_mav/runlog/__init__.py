@@ -1,1 +1,1 @@
-"""Recorded flights: reading run folders and tlogs, figures, replay and export. Not used by the loop of a flight."""
+"""Recorded flights: reading run folders and tlogs, figures and replay. Not used by the loop of a flight."""

@@ -16,13 +16,14 @@ STATUSTEXT = 253
 OUR_COMPONENTS = range(191, 195)
 OURS, ALARM = "circnav message", "alarm"
 SEVERE = {"vehicle message": 3, OURS: 4}
-"""Least severe MAV_SEVERITY that counts as severe: ERROR and WARNING. A smaller number is more severe."""
+"""Largest MAV_SEVERITY that counts as severe, by kind of event: ERROR and WARNING. A smaller number is more severe."""
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
     """One event. time: run time, s. kind: phase, mode, law, rejected, alarm (when it began), vehicle message, circnav
-    message. severe: True for alarms, errors of the vehicle, warnings of circnav, or worse."""
+    message. severe: True for alarms, for vehicle messages of ERROR or worse, and for circnav messages of WARNING or
+    worse."""
 
     time: float
     kind: str

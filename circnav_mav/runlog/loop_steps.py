@@ -25,11 +25,12 @@ from circnav_mav.runlog.tlog import message_id, read_tlog, read_unbroken
 
 LINKS = {"v": "vehicle", "r": "ranging"}
 DISORDER = 100_000
-"""Largest step back of a timestamp, us, that is disorder of a logger's two threads, not a clock that was set."""
+"""Largest step back of a timestamp, us, that counts as disorder of a logger's two threads, not as a clock that was
+set."""
 USUAL = 1_000_000
 """Largest step forward, us, that is accepted without checking the timestamp after it."""
 LONGEST_SILENCE = 3_600_000_000
-"""Longest gap in a log, us. A larger step forward is a clock that was set, such as from 1970 to now."""
+"""Longest gap in a log, us. A larger step forward means that the clock was set, such as from 1970 to now."""
 
 
 def steps_file(folder: Path) -> Path:
@@ -39,7 +40,7 @@ def steps_file(folder: Path) -> Path:
 
 
 def recorded_steps(folder: Path) -> Iterator[LoopStep]:
-    """Yield the steps of a run folder, up to the first damage or the end of a file. Raises OSError."""
+    """Yield the steps of a run folder, up to the first damage or the end of either file. Raises OSError."""
     frames = (frame for _, frame in read_unbroken(folder / "flight.tlog"))
     with closing(read_lines(steps_file(folder), errors="replace")) as lines:
         rows = csv.reader(lines)
@@ -86,8 +87,8 @@ def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
 def tlog_steps(path: Path, ours: int, clock: "LogClock | None" = None) -> Iterator[LoopStep]:
     """Yield steps reconstructed from a plain tlog. Frames with the same timestamp are received together, on one link.
 
-    ours: component id of circnav: its frames are left out because they were sent. clock: records where the clock of
-    the timestamps was set. Step times start at the first timestamp and never decrease. Raises OSError.
+    ours: component id of circnav, whose frames are left out because circnav sent them. clock: records where the clock
+    of the timestamps was set. Step times start at the first timestamp and never decrease. Raises OSError.
     """
     clock = LogClock() if clock is None else clock
     together = groupby(read_tlog(path), key=lambda record: record[0])
@@ -96,7 +97,7 @@ def tlog_steps(path: Path, ours: int, clock: "LogClock | None" = None) -> Iterat
     for (stamp, frames), (following, _) in pairwise(chain(stamped, [end])):
         assert stamp is not None
         time = clock.at(stamp, following)
-        # A vehicle that sends MAVLink 1 cannot be flown, because it may not read our MAVLink 2. A replay sends nothing,
+        # A vehicle that sends MAVLink 1 cannot be flown, because it might ignore our MAVLink 2. A replay sends nothing,
         # and the recorded frames have the same content in either version.
         received = [as_version_2(frame) for frame in frames if frame[6 if frame[0] == V2 else 4] != ours]
         if received:
@@ -150,14 +151,14 @@ class LogClock:
 
 
 def _is_single(moved: int, then: int) -> bool:
-    """True if only one timestamp is far off and the one after it continues from the last. Both relative to the last,
-    us."""
+    """True if a timestamp is far off, but the next one continues from the timestamp before it. moved, then: these two
+    timestamps minus the one before them, us."""
     return -DISORDER <= then <= LONGEST_SILENCE and (moved < 0 or then < moved - DISORDER)
 
 
 HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _OF_ANOTHER = (Reject.WRONG_SOURCE.value, Reject.OTHER_SENSOR.value, Reject.AMBIGUOUS.value)
-"""Reasons to reject a source that fits the mission: it is not, or not yet, the chosen one."""
+"""Reasons to reject a range whose source fits the mission, but is not, or not yet, the chosen source."""
 
 
 @dataclass(slots=True)
@@ -172,7 +173,7 @@ class RangeCounts:
 @dataclass(slots=True)
 class LogSources:
     """Senders in the steps that a pilot replays. vehicle: ids of the vehicle that the pilot last used. vehicles:
-    description of each autopilot. ranging: range sources with the mission's name of their message, including those that
+    description of each autopilot. ranging: counts by mission name of the message and by source, including sources that
     do not fit the mission."""
 
     settings: RangingSettings

@@ -14,7 +14,7 @@ from circnav_mav.guidance.types import Direction, Orbit
 Column = NDArray[np.float64]
 
 TOLERANCE = 0.05
-"""Half width of the band in which the radius counts as settled, as a fraction of it."""
+"""Half width of the band in which the radius counts as settled, as a fraction of the desired radius."""
 LAST = 1 / 3
 """Final fraction of the flight over which the circle is judged."""
 
@@ -67,7 +67,8 @@ SLOW = 0.25
 """Window of the moving mean, as a fraction of a lap. Wind and a moving target require turn rates that vary once or
 twice a lap. Subtracting the mean removes most of that, and leaves oscillations with periods up to about 10 s."""
 LEAST_SWING = 0.1
-"""RMS of the fast part, as a fraction of the turn-rate limit, below which a turn command has no limit cycle."""
+"""RMS of the fast part (turn command minus its moving mean), as a fraction of the turn-rate limit, below which there is
+no limit cycle."""
 REPEATS = 0.35
 """Autocorrelation of the fast part at one period, from which it counts as periodic. Benchmark plant: noise and gusts
 reach 0.2, a loop with 0.25 s dead time 0.7 to 0.9, one with 0.5 s in wind 0.5."""

@@ -17,7 +17,7 @@ from circnav_mav.runlog.tlog import message_id
 SETPOINT_IDS = frozenset({69, 82, 84})
 """Message ids of setpoints: MANUAL_CONTROL, SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED."""
 LONGEST_GAP = 10.0
-"""Time for which ticks continue in a gap of a plain tlog, s."""
+"""Longest time for which ticks continue in a gap of a plain tlog, s."""
 STEERING = ("orbit", "tuning", "estimator", "ranging", "height", "radius_trim", "turn_gain")
 """Settings that determine the turn commands of a pilot."""
 COMPARED = ("r", "r_dot", "demanded", "turn_rate")
@@ -104,8 +104,8 @@ def without_timeouts(settings: PilotSettings) -> PilotSettings:
 
 
 def as_flown_before(settings: PilotSettings) -> PilotSettings:
-    """Return settings to replay a flight of an old version. It neither checked for a second range source before
-    steering, nor handed back a vehicle that did not follow."""
+    """Return settings to replay a flight of an old version. That version neither checked for a second range source
+    before steering, nor handed back a vehicle that did not follow."""
     return replace(
         settings,
         timing=replace(settings.timing, unfollowed=inf),

@@ -17,12 +17,13 @@ YEAR_2100_US = 4_102_444_800_000_000
 
 
 class RunError(Exception):
-    """One-line message: a run that cannot be opened."""
+    """A run that cannot be opened. The message is one line."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """Run folder. manifest, summary: empty if missing, because the process was killed, or if damaged."""
+    """Run folder. summary: empty if damaged, or missing because the process was killed. manifest: empty if missing.
+    epoch_us: Unix time of run time zero, us."""
 
     folder: Path
     mission_text: str
@@ -60,7 +61,7 @@ class Run:
 
     @property
     def damage_text(self) -> str | None:
-        """Damage of flight.tlog and its run time as text, or None. Raises RunError."""
+        """Damage of flight.tlog as text, with the run time at which the damage begins, or None. Raises RunError."""
         found = self.damage
         if found is None:
             return None

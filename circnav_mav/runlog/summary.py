@@ -19,7 +19,7 @@ NOT_OURS = frozenset(
 """Phases in which circnav does not control the vehicle."""
 FIGURES = ("settled_s", "radius_mean_m", "radius_rms_error_m")
 UNRECORDED = 1.0
-"""Unrecorded time at the end of a flight from which it is reported, s."""
+"""Longest unrecorded time at the end of a flight that is not reported, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,8 +27,8 @@ class FlightFacts:
     """Facts known at the end of a flight. The summary holds them under the same names, except orbit and the last three.
 
     engaged_s, until_s: run time of engaging and of the last tick, s, recorded or not; None: take them from the recorded
-    ticks. clock_speed: speed of the autopilot's clock if it differed from real time. orbit: first circle. later_radii:
-    radii of the circles after it, m, flown or not.
+    ticks. voice: output mode of the pilot. clock_speed: speed of the autopilot's clock if it differed from real time.
+    orbit: first circle. later_radii: radii of the circles after it, m, flown or not.
     """
 
     mission: str
@@ -97,7 +97,7 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
 
 
 def _problem(problem: str | None, ticks: Ticks, truth: Truth | None, end: float) -> str | None:
-    """Return the recorder's problem, and up to which time the figures reach if not to the end, or None."""
+    """Return the recorder's problem, and the end time of the figures if they do not cover the whole flight, or None."""
     # Truth that ends early without a recording problem was not received: that is no gap in the record.
     ends = {"estimates": float(ticks.time[-1]) if len(ticks.time) else 0.0}
     if truth is not None and problem is not None:
@@ -125,7 +125,8 @@ def _circle(time: metrics.Column, radius: metrics.Column, desired: float) -> dic
 
 
 def _vehicle(ticks: Ticks, steered: NDArray[np.bool_]) -> dict[str, float | int | None]:
-    """Return turn gain and delay of the vehicle at the end, the remaining share of the gains, and the law changes."""
+    """Return turn gain and delay of the vehicle at the end, the share of the gains left after oscillations, and the
+    number of law changes."""
     figures: dict[str, float | int | None] = {}
     for name, column in (("turn_gain", "turn_gain"), ("turn_delay_s", "turn_delay"), ("gain_share", "gain_share")):
         values = ticks.numbers[column][steered]

@@ -123,7 +123,8 @@ def read_truth(folder: Path, epoch_us: int, system: int | None = None) -> Truth 
     """Return the simulator's truth of a run, or None. Frames with non-finite numbers are skipped, because any sender
     may have made them.
 
-    epoch_us: Unix time of run time zero, us. system: MAVLink system id of the vehicle, None for the first with truth.
+    epoch_us: Unix time of run time zero, us. system: MAVLink system id of the vehicle, None for the first sender of
+    truth.
     """
     rows = array("d")
     for stamp, frame in read_tlog(folder / "flight.tlog"):

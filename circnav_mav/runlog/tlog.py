@@ -28,8 +28,8 @@ RECORD = re.compile(rb"\x00[\x00-\x0e].{6}[\xfd\xfe]", re.DOTALL)
 @dataclass(frozen=True, slots=True)
 class Damage:
     """Damage of a tlog. byte: first unreadable byte. size: of the file, bytes. places, lost: number of unreadable
-    stretches, and bytes in them. until, newest: newest timestamp before the first stretch, and of all, microseconds
-    since 1970, 0 if none. cut: True if nothing after the first stretch is readable."""
+    stretches, and bytes in them. until, newest: newest timestamp before the first stretch, and in the whole file,
+    microseconds since 1970, 0 if none. cut: True if nothing after the first stretch is readable."""
 
     byte: int
     size: int
@@ -119,7 +119,7 @@ def _records(path: Path) -> Iterator[tuple[int, int, bytes]]:
 
 
 def _end(data: bytes, at: int) -> int | None:
-    """Return the end of the record that may begin here, or None without one, or if it is incomplete."""
+    """Return the end of the record that may begin at `at`, or None if none begins there or it is incomplete."""
     start = at + STAMP
     if len(data) < start + 3 or data[at] or data[at + 1] > LATEST:
         return None
@@ -134,8 +134,8 @@ def _end(data: bytes, at: int) -> int | None:
 
 
 def _is_record(data: bytes, at: int, end: int, searching: bool) -> bool:
-    """True if this is a record. Two signs are a valid checksum, and another record or the end of the file after it. At
-    the expected place one sign is enough. In a search both are required."""
+    """True if this is a record. It has two signs: a valid checksum, and another record or the end of the file after it.
+    At the expected place, one sign is enough. In a search, both are required."""
     framed = end == len(data) or _end(data, end) is not None
     if framed is not searching:
         return framed

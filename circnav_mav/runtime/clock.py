@@ -1,4 +1,4 @@
-"""Clocks. No other module reads the time."""
+"""Clocks. No other module of the core reads the time in a flight."""
 
 import time
 from collections import deque
@@ -8,14 +8,15 @@ OUT_OF_STEP = 1.0
 """Difference between elapsed boot time and expected time, s, beyond which the boot time jumped: a reboot, a pause or a
 wrap."""
 SPAN, SHORTEST_SPAN = 2.0, 0.25
-"""Real time, s, over which the autopilot's clock speed is measured, and the minimum of it."""
+"""Real time, s, over which the autopilot's clock speed is measured, and the shortest such time, s."""
 SLOWEST, FASTEST = 0.01, 1000.0
 """Bounds of the autopilot's clock speed, as a ratio to real time. Beyond them a timestamp is wrong. Chosen."""
 _THROUGH_SLEEP: int | None = getattr(time, "CLOCK_BOOTTIME", None)
 
 
 def steady() -> float:
-    """Return monotonic real seconds from an arbitrary start, including time asleep where the system counts it."""
+    """Return monotonic real seconds from an arbitrary start, including the time that the computer sleeps if the system
+    counts it."""
     # The vehicle flies on while a laptop sleeps with its lid closed. `time.monotonic` would hide that stall.
     return time.monotonic() if _THROUGH_SLEEP is None else time.clock_gettime(_THROUGH_SLEEP)
 
@@ -25,7 +26,7 @@ class Clock:
     times."""
 
     longest_wait = 0.05
-    """Longest single wait, real s. Meanwhile a link may reconnect, or the autopilot's clock speed up."""
+    """Longest single wait, real s. Meanwhile a link may reconnect, or the autopilot's clock may become faster."""
 
     def __init__(self, speed: float = 1.0) -> None:
         self.speed = speed
@@ -43,7 +44,7 @@ class Clock:
         return max((moment - self.now()) / self.speed, 0.0)
 
     def advance(self, moment: float) -> None:
-        """Advance simulated time to the next event. Does nothing in real time."""
+        """Advance simulated time to the next event, or to `moment` if earlier. In real time, do nothing."""
 
     def real(self) -> float:
         """Return monotonic real seconds, for measuring execution time."""

@@ -25,8 +25,8 @@ PATIENCE = 1.0
 
 
 class PlainScreen:
-    """Prints a status line each time. Further lines report each new alarm, a condition waited for at two draws in a
-    row, and, after engaging, the trusted vehicle."""
+    """Prints one line for each status. Further lines report each new alarm, changed lines of onlookers, and, after
+    engaging, the trusted vehicle. A condition that steering waits for is reported if it lasts for two draws."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -37,7 +37,7 @@ class PlainScreen:
 
     def draw(self, status: Status) -> None:
         """Print the lines of a status."""
-        # After the end, handing back may last long. It prints no more status lines, only new facts.
+        # After the end, handing back the vehicle may take long: print no more status lines meanwhile, only new facts.
         ended, self._ended = self._ended, status.tick.phase is Phase.ENDED
         if not (ended and self._ended):
             self._print(one_line(status))
@@ -55,7 +55,7 @@ class PlainScreen:
         """Do nothing: no state to restore."""
 
     def _print_new(self, label: str, text: str, about: str) -> None:
-        """Print a text under this label unless it is of the same kind as the last one."""
+        """Print a text with its label, unless the last text of this label had the same `about`."""
         if text and about != self._newest.get(label):
             self._print(f"  {label:<8} {text}")
             self._newest[label] = about
@@ -65,7 +65,7 @@ class PlainScreen:
 
 
 class LiveScreen:
-    """Live picture that is redrawn in place. Nothing is written before the first one."""
+    """Live picture that is redrawn in place. Nothing is written before the first draw."""
 
     def __init__(self, console: Console, picture: Picture) -> None:
         self._picture = picture
@@ -122,7 +122,7 @@ class Display(Onlooker):
         self._thread.join(PATIENCE)
 
     def _run(self) -> None:
-        """Draw waiting statuses until closed: the drawing thread."""
+        """Draw waiting statuses until closed. Body of the drawing thread."""
         closing = False
         try:
             while not closing:

@@ -17,8 +17,7 @@ REMEDIES: dict[int | None, str] = {
 
 
 class LinkError(Exception):
-    """One-line message: an endpoint that cannot be opened. no_peer: True if the peer refused, False for a local
-    error."""
+    """An endpoint that cannot be opened. The message is one line. no_peer: True if a TCP peer could not be reached."""
 
     def __init__(self, text: str, *, no_peer: bool = False) -> None:
         super().__init__(text)

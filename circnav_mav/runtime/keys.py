@@ -11,8 +11,9 @@ from circnav_mav.mav.signing import KEY_LENGTH, LATEST, SECOND, Signing
 from circnav_mav.runtime.clock import unix_time
 
 RESERVE = 10 * SECOND
-"""Lead of the stored timestamp over the one in use. After a kill, the next process resumes later than any frame that
-was signed or accepted, and far less ahead of other clocks than the minute at which frames are rejected."""
+"""Lead of a stored timestamp over the one in use, in steps of 10 us: 10 s. After a kill, the next process resumes later
+than any frame that was signed or accepted. Its timestamps are then ahead of other clocks, but by far less than the
+minute from which frames are rejected."""
 MAX_KEY_FILE = 4096
 """Maximum size of a key file and of its timestamp file, bytes."""
 TEXT = frozenset(range(32, 127))
@@ -20,12 +21,12 @@ REMEDY = "write 64 hex digits; of a passphrase: printf %s 'PASSPHRASE' | sha256s
 
 
 class KeyFileError(Exception):
-    """One-line message: a key or timestamp file that cannot be used."""
+    """A key or timestamp file that cannot be used. The message is one line."""
 
 
 def read_key(path: Path) -> bytes:
     """Return the 32-byte key of a file: raw bytes or 64 hex digits. Raises KeyFileError, also if other users can read
-    it."""
+    the file."""
     try:
         mode = path.stat().st_mode
         data = read_bytes(path, MAX_KEY_FILE).removeprefix(BOM_UTF8)  # added by Windows editors
@@ -56,7 +57,8 @@ class SigningTime:
     that a slow disk never delays a tick. A disk error is reported in `problem`."""
 
     def __init__(self, signing: Signing, path: Path, clock: Callable[[], float] = unix_time) -> None:
-        """Start from the later of clock and file. Raises KeyFileError if the file cannot be read or written."""
+        """Start from the later of wall clock and stored timestamp. Raises KeyFileError if the file cannot be read or
+        written."""
         self.problem: str | None = None
         self._signing, self._path, self._clock = signing, path, clock
         signing.resume(_stored(path))

@@ -16,28 +16,28 @@ from circnav_mav.mav.identity import spelt
 from circnav_mav.runtime.endpoint import Endpoint, LinkError, explain, parse_endpoint, resolve
 
 MOST_BYTES = 1 << 15
-"""Bytes read in one call, up to the end of a datagram. The rest stays in the socket for the next step, which follows at
-once. In 50 ms a radio sends 1 % of this, a simulator at 20 times real time about 20 kB. Decoding takes 5 ms, or 0.05 s
-for frames made to be slow. A stall is 0.5 s without a step."""
+"""Bytes after which one call stops reading (UDP: at the end of a datagram). The rest stays in the socket for the next
+step, which follows at once. In 50 ms a radio sends 1 % of this, a simulator at 20 times real time about 20 kB. Decoding
+this many bytes takes 5 ms, or 0.05 s for frames made to be slow. A stall would be 0.5 s without a step."""
 MOST_DATAGRAMS = 512
 """Datagrams read in one call, so that a flood cannot delay a tick."""
 LONGEST = 8192
-"""Longest datagram that is read, bytes: five times the size that routers pack. Longer ones are ignored."""
+"""Longest datagram that is accepted, bytes: five times the size to which routers fill one. Longer ones are ignored."""
 RECEIVE_BUFFER = 1 << 18
-"""Receive buffer of the socket, bytes (Linux counts the overhead and doubles it). It holds 600 short datagrams, 0.2 s
-of a simulator at 20 times real time. A flood loses data in any case, and a longer queue only adds delay: with 1 MB,
-ranges and a takeover were received 1 s late."""
+"""Receive buffer of the socket, bytes (Linux doubles this number, and counts overhead in the buffer). The buffer holds
+600 short datagrams: 0.2 s of a simulator at 20 times real time. A flood loses data in any case, and a longer queue only
+adds delay: with 1 MB, ranges and a takeover were received 1 s late."""
 _MOST_HOSTS = 256
 """Hosts for which the peer check is cached. Bounds the memory that a flood of addresses can use."""
 MOST_TROUBLES, FROM_OTHERS = 4, "ignored: from other senders"
-"""Number of different troubles beyond which further ones are counted under one text."""
+"""Number of different troubles beyond which further ones are counted under one text, and this text for UDP."""
 LOCAL_PORT = 14691
 """Local port for `udpout`. PX4 keeps sending to the first client port it received from, so a restart must reuse it."""
 RETRY = 1.0
 """Time between two attempts to reopen a link, s."""
 LOST = (OSError, ValueError, termios.error)
-"""Exceptions of a serial device that is unplugged. The one of pyserial is an OSError, but while opening it passes on
-`termios.error`, which is not."""
+"""Exceptions of a failed link, such as an unplugged serial device. The exception of pyserial is an OSError, but while
+opening a port, pyserial passes on `termios.error`, which is not an OSError."""
 HALF_OPEN = 3.0
 """Time without acknowledgement, s, after which a TCP connection is closed."""
 CONNECT_PATIENCE = 5.0
@@ -57,7 +57,7 @@ class Link(Protocol):
         """Return the received data, each item with its source."""
 
     def send(self, data: bytes, to: Hashable) -> None:
-        """Send to a source that was received from. None: to the peer that the endpoint names, if any."""
+        """Send to a source from which data was received. to: None for the peer that the endpoint names, if any."""
 
     def close(self) -> None:
         """Close the endpoint."""
@@ -84,7 +84,7 @@ def open_link(text: str, peers: Iterable[str] = ()) -> Link:
 
 class UdpLink:
     """UDP socket. `udpin` binds a port and sends to the source that the pilot selected. `udpout` exchanges datagrams
-    with one address only: another vehicle may still send to LOCAL_PORT while this one is commanded."""
+    with one address only, because another vehicle may still send to LOCAL_PORT."""
 
     def __init__(self, endpoint: Endpoint, peers: Iterable[str]) -> None:
         """peers: addresses and networks that `udpin` accepts, empty for all. Raises OSError, UnicodeError."""
@@ -150,7 +150,7 @@ class UdpLink:
         self._socket.close()
 
     def _refuse(self, words: str) -> None:
-        """Count a datagram that is ignored: an unknown sender, or too long."""
+        """Count a datagram that is ignored because it is too long or its sender is not accepted."""
         note(self.troubles, words, FROM_OTHERS)
 
     def _bind_local(self) -> None:
@@ -178,11 +178,11 @@ def _is_here(host: str) -> bool:
 
 
 class StreamLink:
-    """TCP socket or pyserial port. After the other side closed, it is reopened once a second."""
+    """TCP socket or pyserial port. After an error, or if the other side closed it, reopening is tried once a second."""
 
     def __init__(self, source: Hashable, port: Any, reopen: Callable[[], Any], read: Callable[[Any], bytes]) -> None:
-        """source: sender of all its bytes. reopen, read: must not block, and raise one of LOST. read: returns b"" if
-        nothing was received."""
+        """source: sender of all received bytes. reopen, read: functions that do not block, and raise one of LOST on
+        failure. read returns b"" if nothing was received."""
         self.troubles: Counter[str] = Counter()
         self._source, self._port, self._reopen, self._read = source, port, reopen, read
         self._retry_at = float("-inf")

@@ -7,8 +7,8 @@ from circnav_mav.foreign import open_file
 
 
 def lock(file: IO[Any], *, shared: bool = False) -> bool:
-    """Lock an open file until it is closed. Return False if another process holds it. shared: for reading, beside other
-    readers. True on a system or disk without locks."""
+    """Lock an open file until it is closed. Return False if another process holds the lock. On a system or disk without
+    locks, return True. shared: True for a lock that several readers may hold at once."""
     try:
         import fcntl  # not on Windows
 

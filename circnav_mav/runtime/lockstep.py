@@ -16,7 +16,7 @@ SOURCE = "sim"
 ON_TIME = 1e-3
 """Run time, s, by which a wait may end early and still count as complete."""
 MOST_LATE = 0.5
-"""Longest delay that a paced run catches up, in real time, s. The rest of a longer one is skipped."""
+"""Longest delay that a paced run makes up for, in real time, s. The rest of a longer delay is skipped."""
 
 
 class Vehicle(Protocol):

@@ -1,7 +1,8 @@
 """Interface for extras that observe a flight: the live page, the survey and others.
 
 An onlooker receives every step of the loop, and an error in it never ends the flight. Its only influence on the pilot
-is a request for another circle, which the pilot checks. An import contract denies that to extras that use positions.
+is a request for another circle, which the pilot checks. An import contract denies such requests to extras that use
+positions.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -29,9 +30,9 @@ class OtherVehicle(NamedTuple):
 class Onlooker:
     """Base class of onlookers: every method does nothing.
 
-    name: for messages about the onlooker. pace: speed that it needs of the bundled vehicle, times real time, None for
-    any. busy: True to keep the loop running after guidance has ended. called_off: True after a signal to end the
-    program. problem: failure, in one line.
+    name: for messages about the onlooker. pace: simulation speed that the onlooker needs with the bundled vehicle,
+    times real time, None for any. busy: True to keep the loop running after guidance has ended. called_off: True after
+    a signal to end the program. problem: failure, in one line.
     """
 
     name = "onlooker"
@@ -64,7 +65,7 @@ class Onlooker:
         return ()
 
     def alarms(self, now: float) -> Mapping[str, str]:
-        """Return the active alarms by name: rows of the extra's own table of conditions."""
+        """Return the texts of active alarms by name. Names are those of the extra's own table of conditions."""
         return {}
 
     def finish(self, summary: dict[str, Any]) -> Mapping[str, str]:
@@ -99,7 +100,8 @@ class Onlookers:
 
     @property
     def pace(self) -> float | None:
-        """Lowest speed that an onlooker needs of the bundled vehicle, times real time; None for any."""
+        """Lowest of the simulation speeds that onlookers need with the bundled vehicle, times real time; None for
+        any."""
         return min((onlooker.pace for onlooker in self.attached if onlooker.pace is not None), default=None)
 
     @property
@@ -137,7 +139,7 @@ class Onlookers:
         return self._all(now, "vehicles", now)
 
     def alarms(self, now: float) -> dict[str, str]:
-        """Return the alarms of all onlookers by name, and one that lists failed onlookers."""
+        """Return the alarms of all onlookers by name, and one alarm that lists failed onlookers, if any."""
         alarms = dict(self._all(now, "alarms", now, by=Mapping.items))
         return alarms | (EXTRA_STOPPED.alarm("; ".join(self.problems)) if self.problems else {})
 

@@ -26,14 +26,14 @@ NARROWEST, WIDEST = 80, 160
 BAR = 41
 """Cells of a bar in the narrowest picture. Odd, so that it has a middle cell."""
 CELLS, CELL = 30, 2.0
-"""Cells of the sparkline in the narrowest picture, and the time that each covers, s: a minute."""
+"""Cells of the sparkline in the narrowest picture, and the time that each covers, s: a minute in total."""
 ALARM, LABEL = "ALARM", 12
-"""Label of an alarm, and width of all labels, columns."""
+"""Label of an alarm, and width of each label, columns."""
 MOST_ALARMS, MOST_REASONS = 3, 3
 """Alarms, and reasons for rejected ranges, that fit into the picture."""
 LARGE, TALL, LEAST_CHART = 120, 20, 8
-"""Columns and rows of a terminal from which the track is shown beside the facts, and least rows of the range below
-them. Chosen: 40 columns are left for the track."""
+"""Columns and rows of a terminal from which the track is shown beside the facts, and minimum rows of the chart of the
+range below the facts. Chosen: 40 columns are left for the track."""
 HOW_TO_STOP = "Ctrl-C ends the flight. In any other flight mode, circnav stops sending."
 
 
@@ -66,8 +66,8 @@ class Picture:
         self._width, self._facts_tall = NARROWEST, 0
 
     def draw(self, status: Status, columns: int = NARROWEST, rows: int = 0) -> RenderableType:
-        """Return the picture of a status. columns, rows: size of the terminal. Alarms are near the top, because a low
-        terminal shows only the first rows."""
+        """Return the picture of a status. columns, rows: size of the terminal. Alarms are near the top, because a
+        terminal with few rows shows only the first ones."""
         self._history.add(status.tick)
         tall = rows - 1  # the line below the picture holds the cursor
         aside = min(columns - NARROWEST, 2 * tall) if columns >= LARGE and rows >= TALL else 0
@@ -135,7 +135,7 @@ class Picture:
         ]
 
     def _bar(self, share: float | None) -> str:
-        """Return a bar with a mark at `share`, -1 to 1, limited to its ends."""
+        """Return a bar from -1 to 1 with a mark at `share`. A value beyond is marked at the end, None is not marked."""
         signs, half = self._signs, (BAR + self._width - NARROWEST) // 2
         cells = [signs.line] * (2 * half + 1)
         cells[half] = signs.middle
@@ -161,7 +161,7 @@ class Picture:
         return f"   {''.join(line)} {tick.time - recent[0][0] * CELL:.0f} s, max {full:.1f} m"
 
     def _fitted(self, text: str) -> str:
-        """Return a text in one line. One that is too long ends at a word, with dots."""
+        """Return a text as one line. A text that is too long is cut after a word and ends with dots."""
         shown = self._printable(text)
         return shown if len(shown) <= self._room else next(iter(self._folded([text], most=1)))
 

@@ -10,7 +10,8 @@ from circnav_mav.pilot import TickRecord
 MOST_POINTS = 1000
 """Maximum number of points kept. Beyond it, every second one is dropped. Chosen: drawing them takes milliseconds."""
 LAPS = 2.0
-"""Laps of the desired circle that the track shows. Chosen: the approach would otherwise make the circle small."""
+"""Duration of the track that is shown, in laps of the desired circle. Chosen: beside a long approach, the circle would
+be drawn small."""
 ARROWS, ASCII_ARROWS = "↑↗→↘↓↙←↖", "^/>\\v/<\\"
 """Signs of the vehicle, by its heading in steps of 45 degrees."""
 DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))

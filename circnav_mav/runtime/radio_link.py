@@ -14,20 +14,20 @@ from circnav_mav.runtime.endpoint import LinkError, parse_endpoint
 from circnav_mav.runtime.links import Link, note, open_link
 
 SYSTEM, COMPONENT = 1, dialect.MAV_COMP_ID_ONBOARD_COMPUTER2
-"""MAVLink ids of a driver's readings in the log: the radio on the companion computer in docs/own-vehicle.md."""
+"""MAVLink ids of a driver's readings in the log: those of a radio on the companion computer in docs/own-vehicle.md."""
 UNKNOWN, NO_PLACE = 0xFFFFFFFF, 0x7FFFFFFF
 """Values of RANGING_BEACON that mean unknown: UINT32_MAX and INT32_MAX."""
 LONGEST_STAMP = 1e12
 """Largest timestamp that is forwarded, s. A larger one is invalid."""
 MOST_WORDS = 200
-"""Characters of a driver's error that are kept: it may contain all its input."""
+"""Maximum number of characters kept of a driver's error, which may quote the whole input of the driver."""
 WATCHED, MANY = 2.0, 64
-"""Time without a reading, s, and number of undecoded bytes in it, from which a wrong baud rate is reported."""
+"""Time without a reading, s, and number of undecoded bytes in that time, from which a wrong baud rate is reported."""
 
 
 IN_A_ROW, PAUSE = 10, 1.0
 """Number of failures in a row after which a driver's method is called only once per pause, s. Chosen: a single damaged
-frame costs nothing else, and a driver with an error in its code fails 50 times a second."""
+frame causes no pause, and a driver with an error in its code fails 50 times a second."""
 
 
 class _Method:
@@ -49,7 +49,7 @@ class _Method:
 
 
 class RadioLink:
-    """Readings of a driver as frames. Each beacon is a separate source."""
+    """Link that returns the readings of a driver as frames. Each beacon is a separate source."""
 
     def __init__(self, name: str, driver: Driver, link: Link, *, datagrams: bool) -> None:
         """datagrams: True if each datagram is a complete line, False for a byte stream."""
@@ -79,7 +79,8 @@ class RadioLink:
         ]
 
     def read(self, now: float) -> list[tuple[RadioReading, Hashable]]:
-        """Return the new readings with their sources. If the driver raises, count a trouble and drop these bytes."""
+        """Return the new readings with their sources. If the driver raises, count a trouble and drop the bytes passed
+        to it."""
         readings: list[tuple[RadioReading, Hashable]] = []
         if self._asking.is_due(now):
             try:

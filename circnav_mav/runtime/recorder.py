@@ -1,13 +1,14 @@
 """Recorder of the run folder: flight.tlog, steps.csv and ticks.csv. A separate thread writes, so that a slow disk never
 delays a tick.
 
-A tlog repeats a timestamp (big-endian microseconds since 1970) and a raw frame. Mission Planner, MAVExplorer and
-MAVProxy open it. steps.csv holds what a tlog cannot: the time of each step of the loop, the link and source of its
-frames, and how many of them circnav sent. With both, a replay is exact. Signatures are removed, as MAVLink's guide
-recommends, so that a replay needs no key. Files are flushed: a killed process loses only what waits for the disk.
+A tlog is a sequence of records, each a timestamp (big-endian microseconds since 1970) and a raw frame. Mission Planner,
+MAVExplorer and MAVProxy open it. steps.csv holds what a tlog cannot: the time of each step of the loop, the link and
+source of its frames, and how many of them circnav sent. With both, a replay is exact. Signatures are removed, as
+MAVLink's guide recommends, so that a replay needs no key. Files are flushed: a killed process loses only what waits for
+the disk.
 
-The size of a run folder is bounded. First the frames stop (flight.tlog and steps.csv, which remain a complete, shorter
-flight). The rest is reserved for ticks.
+The size of a run folder is bounded. At FRAMES_SHARE of the bound, recording of frames stops: flight.tlog and steps.csv
+then hold a complete, shorter flight. The rest is reserved for ticks.
 """
 
 import csv
@@ -31,7 +32,7 @@ FRAMES_SHARE = 0.75
 MOST_WAITING = 20_000
 """Queue length (steps and ticks, some minutes of flight) beyond which new items are dropped on a slow disk."""
 MOST_SOURCES = 1000
-"""Distinct senders that steps.csv numbers."""
+"""Maximum number of senders with a number of their own in steps.csv."""
 CLOSE_PATIENCE = 10.0
 """Timeout for a slow disk at the end, s."""
 TICK_COLUMNS = TickRecord._fields
@@ -39,13 +40,13 @@ STEP_COLUMNS = ("time_us", "heard", "said", "hello", "interrupt", "attached", "r
 """Columns of steps.csv. The tlog holds the frames of a step in this order.
 
 heard: received datagrams, each as link initial, source number and count of whole frames, as in `v0*2 r1*1`.
-said, hello: number of frames sent; HELD_BACK: the commands of this step were not sent.
+said, hello: number of frames sent to the vehicle and to the ranging link. said = HELD_BACK: commands were not sent.
 interrupt: signal that ended the flight. attached: number of frames of onlookers.
 requests: requests for another circle, JSON. exchanged: number of frames between onlookers and other systems."""
 
 
 class RecorderError(Exception):
-    """One-line message: a run folder that cannot be written."""
+    """A run folder that cannot be written. The message is one line."""
 
 
 class TakenError(RecorderError):
@@ -96,7 +97,7 @@ class Recorder:
             self._put(record)
 
     def close(self) -> None:
-        """Write the queue and close the files. Report a problem if that exceeds CLOSE_PATIENCE."""
+        """Write the queue and close the files. Report a problem if that takes longer than CLOSE_PATIENCE."""
         self._queue.put(None)
         if self._at_once:
             self._drain()
@@ -118,7 +119,7 @@ class Recorder:
         self.problem = self.problem or problem
 
     def _drain(self) -> None:
-        """Write queued items until None arrives, then close the files: the writing thread."""
+        """Write queued items until None arrives, then close the files. Body of the writing thread."""
         while (item := self._queue.get()) is not None:
             self._guarded(self._write, item)
         for file in (self._tlog, self._steps, self._ticks):
@@ -141,7 +142,7 @@ class Recorder:
             self._write_step(item)
 
     def _room(self, share: float, what: str, time: float) -> bool:
-        """True while less than this fraction of the bound is used."""
+        """True while less than this fraction of MOST_MB is used. Else report that recording has stopped."""
         if self._written < share * MOST_MB * 1e6:
             return True
         self._note(f"{self.folder}: {what} are recorded up to {time:.0f} s: {MOST_MB:g} MB are reached")

@@ -19,8 +19,8 @@ from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.recorder import Recorder
 
 LONGEST_STEP = 0.5
-"""Real duration of a step, s, after which it sends nothing more: the process was stopped meanwhile, and the operator
-may have taken over. The pilot detects a stall between two steps."""
+"""Real duration of a step, s, after which it sends nothing more: the process was probably stopped meanwhile, and the
+operator may have taken over. The pilot detects a stall between two steps."""
 
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT)
@@ -178,7 +178,7 @@ def listen(
 
 
 def _send_hello(sender: Pilot | PreflightListener, links: Mapping[str, Link], now: float) -> bytes:
-    """Send a hello to a separate ranging link, if one is due. Return what was sent."""
+    """Send a hello (heartbeat) to a separate ranging link if a hello is due. Return the bytes sent."""
     hello = sender.hello(now) if RANGING in links else b""
     if hello:
         links[RANGING].send(hello, None)

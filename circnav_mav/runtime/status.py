@@ -25,11 +25,11 @@ SILENCED = {
 class Status:
     """Newest tick and the state around it. Texts are human-readable.
 
-    time: run time, s. tick: its range is None if it is too old to hold. flown: time since engaging, s, None before.
-    phase: name of the phase. waits: condition that steering waits for. why: reason for the active law. target: bearing
-    and drift. trusted: trusted vehicle and its source. conditions: alarms by the names of `pilot.conditions`.
-    rejected: rejected ranges by reason. others: ranges of other senders, ignored. setpoints: number sent. added: lines
-    of onlookers, by label. vehicle: autopilot and firmware.
+    time: run time, s. tick: newest tick, with None as range if the range is too old for holding. flown: time since
+    engaging, s, None before. phase: name of the phase. waits: condition that steering waits for. why: reason for the
+    active law. target: bearing and drift. trusted: trusted vehicle and its source. conditions: alarms by name of
+    condition. rejected: rejected ranges by reason. others: ranges of other senders, ignored. setpoints: number sent.
+    added: lines of onlookers, by label. vehicle: autopilot and firmware.
     """
 
     time: float
@@ -91,7 +91,7 @@ class StatusSource:
 
 
 class NewAlarms:
-    """Filter for new alarms. An alarm of which only the numbers change is not new."""
+    """Filter for new alarms. An alarm in which only numbers have changed is not new."""
 
     def __init__(self) -> None:
         self._standing: set[str] = set()
@@ -135,9 +135,9 @@ def shown(value: float | None, form: str) -> str:
 
 
 def status_facts(status: Status, settings: PilotSettings, most_reasons: int | None = None) -> dict[str, str]:
-    """Return the facts of a status as texts, by label. Unknown values are "-". A text is empty if its condition is
-    absent: `flown` before engaging, `waiting` while steering waits for nothing. most_reasons: maximum number of
-    rejection reasons listed, None for all."""
+    """Return the facts of a status as texts, by label. Unknown values are "-". A text that does not apply is empty:
+    `flown` before engaging, `waiting` while steering waits for nothing. most_reasons: maximum number of rejection
+    reasons listed, None for all."""
     tick, timing, orbit = status.tick, settings.timing, settings.orbit
     # Rates end with the flight: their parts of the texts are left out then.
     frames, accepted, _, setpoints = ("" if rate is None else f"{rate:.1f}/s" for rate in status.rates or (None,) * 4)
@@ -147,7 +147,7 @@ def status_facts(status: Status, settings: PilotSettings, most_reasons: int | No
     desired = tick.desired or orbit.radius
     measured = "" if tick.measured_rate is None else f", measured {tick.measured_rate:+.2f} m/s"
     turn = "none commanded" if tick.turn_rate is None else f"commanded {degrees(tick.turn_rate):+.1f} deg/s"
-    limit = "AT LIMIT" if tick.saturated else "limit"  # near the front: a narrow terminal shows it
+    limit = "AT LIMIT" if tick.saturated else "limit"  # near the front, so that a narrow terminal shows it
     refused = sum(status.rejected.values())
     reasons = [f"{count} {reason}" for reason, count in status.rejected.items()]
     more = ", ..." if len(reasons[:most_reasons]) < len(reasons) else ""

@@ -17,7 +17,7 @@ GUST_TURNS = 5.4  # 1/s: rate at which the tail fin removes the side-slip of a g
 HELD_BY_RUDDER = 0.7  # share of a bank error that becomes side-slip instead of a turn; fitted to PX4's SIH
 SIDE_FORCE = 3.0  # 1/s: path turn rate per side-slip (ArduPilot's SITL plane at 22 m/s: 65 m/s^2 per rad)
 
-# PX4's built-in plane: drag at trim as in a 27 deg glide, trim thrust 0.63, a sixth of the drag induced by lift.
+# PX4's built-in plane: drag at trim as in a 27 deg glide, trim thrust 0.63. Lift induces a sixth of the drag.
 TRIM_DRAG, TRIM_THRUST, INDUCED = 4.45, 0.63, 0.17
 COURSE_GAIN = 1.0  # course loop in loiter, rad/s per rad
 ALPHA_SLOPE, PATH_LAG, PITCH_LAG = 0.12, 0.5, 0.3
@@ -32,10 +32,12 @@ class FixedWing:
 
     A bank turns the path at once. The tail fin turns the nose after it with nose_frequency (rad/s), so a turn begins
     with side-slip. A gust changes airspeed and side-slip, not the ground velocity. Then the fin turns the nose into it
-    and the side force accelerates the plane. With nose_frequency 0 neither lags.
+    and the side force accelerates the plane. With nose_frequency 0 the nose turns with the path, and the plane moves
+    with a gust at once.
 
     trim_speed: true airspeed at TRIM_THRUST, m/s. pitch: pitch above the path in level flight, and its increase with
-    tan(bank), rad. In a bank this pitch is also a yaw angle between nose and path, to which `fin` adds.
+    tan(bank), rad. In a bank this pitch is also a yaw angle between nose and path. fin: further part of that yaw angle,
+    in the same form.
     """
 
     effectiveness: float

@@ -8,7 +8,7 @@ from ..config import Airframe
 from ..demands import Brake, EarthVelocity
 
 STEP = 0.02
-YAW_EXCESS = 0.23  # excess of the turn rate per g of centripetal acceleration
+YAW_EXCESS = 0.23  # relative excess of the turn rate per g of centripetal acceleration
 FEED_SHARE, FEED_LAG = 0.9, 0.8  # acceleration feedforward: effective share, lag in s
 COURSE_LAG = 0.3  # s, course rate behind its command: the time to bank
 SPEED_LAG = 0.5  # s
@@ -58,7 +58,7 @@ class YawLoop:
 
 @dataclass(frozen=True)
 class Multicopter:
-    """ArduCopter 4.6.3. It compensates a steady wind; a gust displaces it until it is compensated, too.
+    """ArduCopter 4.6.3. It compensates a steady wind. A gust displaces the copter until the loop has compensated it.
 
     A yaw-rate step has a dead time of 0.2 s, reaches half its value after 0.35 s and overshoots by 20 %. The turn is
     then 1 to 6 % faster than commanded, increasing with the turn rate. The velocity follows behind the nose, by 5 deg
@@ -89,7 +89,7 @@ class Multicopter:
         return self._tilted(_displaced(moved, body, wanted.down, h), body, h)
 
     def _pushed(self, body: Body, wind: tuple[float, float], h: float) -> Body:
-        """Apply the drag of a change of the wind, which the loop compensates within TRIM_TIME."""
+        """Apply the drag that a change of the wind causes. The loop compensates it within TRIM_TIME."""
         gust_north, gust_east = wind[0] - body.trimmed_wind[0], wind[1] - body.trimmed_wind[1]
         share = h / TRIM_TIME
         return body._replace(
@@ -143,7 +143,7 @@ def _follow(body: Body, wanted: EarthVelocity, h: float) -> Body:
     error = math.remainder(math.atan2(wanted.east, wanted.north) - body.course, math.tau)
     sideways = min(MOST_ACCELERATION, abs(speed * wanted.yaw_rate))
     correction_time = 0.3 + 0.2 * sideways  # s: the harder the turn, the more it slips
-    # The limit holds for the correction alone: ArduCopter adds the acceleration that is fed forward to it.
+    # The limit holds for the correction alone: ArduCopter adds the fed-forward acceleration after limiting.
     command = fed + within(error / correction_time, 1.4 * MOST_ACCELERATION / speed)
     course_rate = body.course_rate + (command - body.course_rate) * (1 - math.exp(-h / COURSE_LAG))
     change = within((goal - speed) / SPEED_LAG, MOST_ACCELERATION)

@@ -1,7 +1,7 @@
 """The ideal airframe: north' = V cos(heading), east' = V sin(heading), heading' = turn rate, integrated exactly.
 
 The turn rate follows the command through a limit and a first-order lag, the speed through a first-order lag. When both
-have settled, a step is an exact arc. Until then heading and speed are exact. The path is then a Gauss-Legendre
+have settled, a step is an exact arc. Until then heading and speed are exact, and the path is a Gauss-Legendre
 quadrature over at most 0.1 s and 0.25 rad (error below a micrometer).
 """
 

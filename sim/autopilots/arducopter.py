@@ -109,13 +109,14 @@ class ArduCopter(ArduPilot):
             return self._take(read_attitude_target(message, self.params), now)
         if kind == "SET_POSITION_TARGET_LOCAL_NED" and self.mode == GUIDED:
             return self._take(read_local_target(message, self.body, self._airframe.turns_with_nose), now)
-        if kind == "SET_POSITION_TARGET_LOCAL_NED":  # in GUIDED_NOGPS it disturbs the controller: stops and sinks
+        # In GUIDED_NOGPS this message disturbs the controller: the copter levels and sinks.
+        if kind == "SET_POSITION_TARGET_LOCAL_NED":
             self._rest(SINKING)
         return False
 
     def _take(self, target: Target | Stop | NotFinite | None, now: int) -> bool:
-        # ArduCopter does not check these values. The attitude controller loses the vehicle, and the crash check disarms
-        # it in the air.
+        # ArduCopter does not check that values are finite. The attitude controller loses control, and the crash check
+        # disarms the vehicle in the air.
         if isinstance(target, NotFinite):
             self.say(Severity.EMERGENCY, "Crash: Disarming: AngErr=180>30, Accel=0.1<3.0")
             self.set_armed(False)

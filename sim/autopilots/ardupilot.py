@@ -1,4 +1,4 @@
-"""Common part of the ArduPilot vehicles: modes, arming, failsafes of ground station and estimator."""
+"""Common part of the ArduPilot vehicles: modes, arming, failsafes for a lost ground station or position estimate."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -171,7 +171,7 @@ class ArduPilot(Autopilot):
     def _gcs_deadline(self) -> int:
         if self._gcs_heartbeat_at is None or not self.armed or self.params[self._gcs_switch] == 0:
             return NEVER
-        once_more = self.params.get("FS_TIMEOUT", 0.0)  # the rover's
+        once_more = self.params.get("FS_TIMEOUT", 0.0)  # the rover waits for this, too
         return self._gcs_heartbeat_at + round((self.params["FS_GCS_TIMEOUT"] + once_more) * 1e6)
 
     def base_mode(self) -> int:

@@ -182,7 +182,7 @@ def read_attitude_target(message: Message) -> Forced | None:
     """Read SET_ATTITUDE_TARGET as handle_set_attitude_target in GCS_Mavlink.cpp does.
 
     The ignore bits only select the forced values: roll if its rate bit or the attitude bit is clear, pitch likewise,
-    throttle if its bit is clear. Body rates are never used. Return None for throttle alone.
+    throttle if its bit is clear. Body rates are never used. Return None for throttle alone and for invalid values.
     """
     mask = message.type_mask
     q = tuple(message.q)

@@ -121,7 +121,7 @@ class ArduRover(ArduPilot):
         return BodyVelocity(self._clipped(speed), yaw_rate=message.yaw_rate)
 
     def _attitude_target(self, message: Message) -> BodyVelocity | None:
-        """Return speed (thrust as a fraction of WP_SPEED) and yaw rate. If masked, steer to the heading."""
+        """Return speed (thrust times WP_SPEED) and yaw rate. If the yaw rate is masked, steer to the heading."""
         if message.type_mask & THROTTLE_BIT:
             return None
         speed = self._clipped(message.thrust * self.params["WP_SPEED"])
@@ -150,7 +150,7 @@ class ArduRover(ArduPilot):
         return HOLD
 
     def ground_station_lost(self, now: int) -> None:
-        self.radio_lost(now)  # the rover sends the same text for a lost ground station
+        self.radio_lost(now)  # the rover sends the same text as for a lost radio
 
     def estimator_lost(self, now: int) -> None:
         if self.params["FS_EKF_ACTION"] != 0:

@@ -14,7 +14,7 @@ from ..links import Message
 from ..params import Parameters
 
 Say = Callable[[int, str], None]
-"""Function that sends a STATUSTEXT with this severity."""
+"""Function (severity, text) that sends a STATUSTEXT."""
 
 CUSTOM_MODE_ENABLED = 1
 STANDBY, ACTIVE, CRITICAL = 3, 4, 5  # MAV_STATE
@@ -190,7 +190,7 @@ class Autopilot(ABC):
         return None
 
     def commanded_roll(self) -> float | None:
-        """Return the commanded bank after its limits, rad, if this vehicle reports it (NAV_CONTROLLER_OUTPUT)."""
+        """Return the commanded and limited bank, rad, if this vehicle reports it (NAV_CONTROLLER_OUTPUT)."""
         return None
 
     def landed_state(self) -> int:

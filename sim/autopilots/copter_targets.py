@@ -1,6 +1,6 @@
 """Targets of ArduCopter 4.6.3 (GCS_Mavlink.cpp), and its legs without pilot input: to a point, up, home, down.
 
-In SET_POSITION_TARGET_LOCAL_NED one ignore bit of a group of three ignores the whole group. An unknown combination
+In SET_POSITION_TARGET_LOCAL_NED any ignore bit of a group of three ignores the whole group. An unknown combination
 stops the vehicle.
 """
 
@@ -19,7 +19,7 @@ FORCE, YAW_RATE = 0x200, 0x800
 RATES, THROTTLE, ATTITUDE = 0x07, 0x40, 0x80
 THRUST_AS_THRUST = 8  # GUID_OPTIONS bit 3
 NEARNESS = 0.5  # 1/s: speed per remaining distance
-AT_HOME = 2.0  # m
+AT_HOME = 2.0  # arrival radius, m
 MAX_SANE_SPEED = 1000.0  # m/s, as in ArduCopter's sane_vel_or_acc_vector
 
 

@@ -24,7 +24,7 @@ DO_SET_MODE, ARM_DISARM, DO_CHANGE_SPEED, DO_REPOSITION, TAKEOFF_COMMAND = 176, 
 MODE_COMMANDS = {20: RTL, 21: LAND, 17: LOITER}
 NOT_GIVEN = (2**31 - 1) * 1e-7  # degrees: "not given" in a COMMAND_INT; NaN in a COMMAND_LONG
 LOSS_DELAY_US = 50_000
-LOSS_ACTIONS = {3: RTL, 4: LAND, 5: LOITER}  # COM_OBL_RC_ACT; anything else falls through to RTL without sticks
+LOSS_ACTIONS = {3: RTL, 4: LAND, 5: LOITER}  # COM_OBL_RC_ACT; without sticks any other value means RTL
 STICK_LOSS_ACTIONS = {1: LOITER, 2: RTL, 3: LAND}  # NAV_RCL_ACT; 5 (terminate) and 6 (disarm) stop the motors
 STICK_LOSS_EXCEPTIONS = {MODES["MISSION"]: 1, LOITER: 2, TAKEOFF: 2, OFFBOARD: 4}  # bits of COM_RCL_EXCEPT
 
@@ -96,7 +96,7 @@ class Px4(Autopilot):
             self._fail_to(STICK_LOSS_ACTIONS.get(int(self.params["NAV_RCL_ACT"]), LOITER), now)
 
     def _lose_sticks(self, now: int) -> None:
-        """Hold, so that a pilot can select a mode, and later do NAV_RCL_ACT. Returning sticks do not cancel it."""
+        """Hold, so that a pilot can select a mode. Later do the action of NAV_RCL_ACT, even if the sticks return."""
         self._missed = self.sticks.last
         number, delay = int(self.params["NAV_RCL_ACT"]), self.params["COM_FAIL_ACT_T"]
         action = STICK_LOSS_ACTIONS.get(number)
@@ -119,7 +119,7 @@ class Px4(Autopilot):
         return self._setpoint_at + self.params.microseconds("COM_OF_LOSS_T") + LOSS_DELAY_US
 
     def _sticks_deadline(self) -> int:
-        """Return the time at which silent sticks count as lost. It applies in every mode, once per loss."""
+        """Return the time at which silent sticks count as lost: once per loss, not in the modes of COM_RCL_EXCEPT."""
         last = self.sticks.last
         excepted = int(self.params["COM_RCL_EXCEPT"]) & STICK_LOSS_EXCEPTIONS.get(self.intended, 0)
         if not self.armed or self.failsafe or last is None or last == self._missed or excepted:
@@ -224,7 +224,7 @@ class Px4(Autopilot):
         return Ack.ACCEPTED
 
     def set_armed(self, armed: bool, now: int) -> None:
-        """Arm or disarm. Sticks that are silent at arming do not count as lost until they send again."""
+        """Arm or disarm. Sticks that are silent at arming can count as lost only after they have sent again."""
         self.armed = armed
         self._sticks_lost, self._act_at = False, NEVER
         if not self.sticks_alive(now):

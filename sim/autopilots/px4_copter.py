@@ -86,7 +86,7 @@ class Px4Copter(Px4):
         return _towards(body, *self._hold, min(FASTEST, self.cruise or FASTEST))
 
     def _from_trajectory(self, setpoint: Trajectory | None) -> Demand:
-        """Return the demand: velocities plus the output of the position loop. An incomplete setpoint hovers."""
+        """Return the demand: velocities plus the output of the position loop. With an incomplete setpoint, brake."""
         body = self.body
         if setpoint is None:
             return _towards(body, *self._hold)

@@ -1,4 +1,4 @@
-"""PX4 fixed wing: sticks in ALTCTL with held height and airspeed, or attitude and thrust in OFFBOARD without."""
+"""PX4 fixed wing: ALTCTL flies sticks and holds height and airspeed; OFFBOARD flies attitude and thrust alone."""
 
 import math
 from dataclasses import replace
@@ -25,7 +25,7 @@ IDENTITY = px4_identity(mav_type=1)
 
 
 class Px4Plane(Px4):
-    """PX4's fixed wing: a held bank for sticks and autonomous modes, physics for attitude setpoints."""
+    """PX4's fixed wing: a bank with held height and airspeed, or, for attitude setpoints, physics alone."""
 
     def __init__(self, config: VehicleConfig, say: Say, start: Body) -> None:
         vehicle = config.vehicle

@@ -102,7 +102,7 @@ def _finite(value: float) -> Axis:
 
 
 def read_attitude_target(message: Message) -> Tilt | Spin | None:
-    """Return the attitude, else body rates (roll and pitch rate required). A masked throttle is a thrust of 0."""
+    """Return the attitude; if masked, body rates (roll and pitch rate required). A masked throttle gives thrust 0."""
     mask = message.type_mask
     none = mask & THROTTLE or not math.isfinite(message.thrust)
     thrust = 0.0 if none else max(0.0, min(1.0, message.thrust))

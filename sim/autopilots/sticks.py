@@ -8,7 +8,7 @@ IGNORED_AXIS = 32767
 
 
 class Sticks:
-    """The roll stick and the time of its last message. ArduPilot accepts it only from its own ground station's id."""
+    """The roll stick and the time of its last message. ArduPilot accepts only messages from SYSID_MYGCS."""
 
     def __init__(self, system: int) -> None:
         self._system = system
@@ -31,7 +31,7 @@ class Sticks:
         return False
 
     def roll(self, now: int, timeout: int) -> float:
-        """Return the stick, -1 to 1, right positive; 0 if it is older than `timeout` (us)."""
+        """Return the deflection, -1 to 1, right positive; 0 if the last message is older than `timeout` (us)."""
         return self._roll if self.alive(now, timeout) else 0.0
 
     def alive(self, now: int, timeout: int) -> bool:

@@ -15,17 +15,18 @@ VERSION_4_6_3 = 0x040603FF
 CAPABILITIES = 1 | 2 | 4 | 8 | 64 | 2048 | 4096 | 8192 | 16384 | 32768
 SET_LOCAL_POSITION = 128 | 256
 
-# Not in ArduPilot 4.6's dialect: its parser drops them, so they are neither obeyed nor forwarded.
+# Message ids that are not in ArduPilot 4.6's dialect: its parser drops them, so they are neither obeyed nor forwarded.
 UNKNOWN_IDS = message_ids("53 220-224 420 435-437 441 513 516 517 8002-8016 17000 17150-17158 60000-60053")
 
-# Accepted by SET_MESSAGE_INTERVAL (mavlink_id_to_ap_message_id in GCS_Common.cpp), even if this vehicle lacks them.
+# Message ids that SET_MESSAGE_INTERVAL accepts (mavlink_id_to_ap_message_id in GCS_Common.cpp), even if this vehicle
+# lacks them.
 STREAMABLE = message_ids(
     "0 1 2 24 26 27 29 30 31 32 33 35 36 42 46 49 62 65 74 83 85 87 110 111 116 124 125 128 129 132 136 137 143 147 "
     "148 152 158 163 164 165 168 173 178 182 191 192 193 226 230 241 242 245 246 251 259 11020 11039"
 )
 TIMESYNC_EVERY = {111: 10_000_000}
 
-# Sent by plane and rover at 1 Hz without a request; a copter sends none.
+# Sent by plane and rover without a request: these at 1 Hz, and TIMESYNC. A copter sends only TIMESYNC.
 UNASKED = dict.fromkeys((1, 2, 24, 27, 30, 33, 62, 65, 74, 116, 147, 193), 1_000_000) | TIMESYNC_EVERY
 
 COPTER = Identity(
@@ -101,7 +102,7 @@ def _parameters(config: VehicleConfig, gcs_switch: str, *own: Parameter) -> Para
     return Parameters(table, bytewise=False)
 
 
-# In pymavlink's "all" but not in PX4's dialect.
+# Message ids in pymavlink's "all" but not in PX4's dialect.
 _UNKNOWN = (
     "53 150-158 160 161 163-186 191 193-195 200 201 214-224 226 420 441 513 516 517 8002-8016 10001-10008 10151 "
     "11000-11005 11010 11011 11020 11030-11044 11060 17000 17150-17158 42000 42001 50001-50005 52000 52001 60000-60053"

@@ -1,7 +1,7 @@
 """A deliberately impaired link between an application and a vehicle: seeded, in both directions.
 
-In lockstep it is an object (`FaultLink`), over UDP a program (`python -m circnav_sim.faults`). It handles bytes, and
-frames if a fault needs MAVLink, and works with any application and vehicle.
+In lockstep it is an object (`FaultLink`), over UDP a program (`python -m circnav_sim.faults`). It handles bytes,
+parses MAVLink frames only if a fault needs them, and works with any application and vehicle.
 """
 
 from .link import DOWN, UP, FaultLink

@@ -60,7 +60,7 @@ def ground_station(rate: float = 100.0) -> Intruder:
 
 
 def twin(system: int, component: int, rate: float = 1.0) -> Intruder:
-    """Return a second companion that sends under the same ids."""
+    """Return a second companion that sends heartbeats under the ids of the first one."""
     heartbeat = mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
     return periodic(rate, lambda n: [write(heartbeat, system, component, n & 255)])
 

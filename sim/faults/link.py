@@ -18,8 +18,8 @@ Intruder = Callable[[float], Iterable[Passage]]
 class FaultLink:
     """Datagrams in with a time, datagrams out when they are due, in both directions.
 
-    Tampering comes first (it represents a peer that misbehaves), then the impairment. Intruders join after the
-    impairment, so their frames arrive complete.
+    Tampering comes first (it represents a peer that misbehaves), then the impairment. Datagrams of intruders are added
+    after the impairment, so they arrive complete.
     """
 
     def __init__(self, *, up: Impairment = CLEAN, down: Impairment = CLEAN, seed: int = 0) -> None:

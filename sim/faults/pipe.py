@@ -17,7 +17,7 @@ def fraction(meaning: str) -> Any:
 
 
 def duration(meaning: str) -> Any:
-    """Return a field in seconds of the link's clock and its meaning."""
+    """Return a field with a time in seconds of the link's clock, and its meaning."""
     return field(default=0.0, metadata={"time": meaning})
 
 
@@ -25,8 +25,9 @@ def duration(meaning: str) -> Any:
 class Impairment:
     """Impairments of one direction of a link.
 
-    outages: (from, to) without any datagram, s. Random outages and the times between them are exponential, jitter is
-    uniform. in_order: True if jitter keeps the order, as in a stream. depth: most datagrams that overtake another.
+    outages: (from, to) without any datagram, s. Random outages and the times between them have exponentially
+    distributed lengths. Jitter is uniformly distributed. in_order: True if jitter keeps the order, as in a stream.
+    depth: largest number of datagrams that overtake a delayed one.
     """
 
     loss: float = fraction("of datagrams that never arrive")
@@ -79,7 +80,7 @@ def damaged(data: bytes, impairment: Impairment, chance: Random) -> list[bytes]:
 
 
 def corrupted(data: bytes, fraction: float, chance: Random) -> bytes:
-    """Change each byte with a probability. For speed the gaps between changed bytes are drawn, not every byte."""
+    """Change each byte with probability `fraction`. For speed, draw the gaps between changed bytes, not each byte."""
     changed = bytearray(data)
     at = -1
     while True:

@@ -53,6 +53,6 @@ class Proxy:
             wire.close()
 
     def _send(self, way: str, data: bytes) -> None:
-        """Send a datagram: direction up by the vehicle's port, down by the application's. Without a peer it is lost."""
+        """Send a datagram: up from the vehicle's port, down from the application's. It is lost if there is no peer."""
         by = DOWN if way == UP else UP
         self._wires[by].send(self._peers[by], [data])

@@ -12,7 +12,7 @@ from ..links import Message
 
 TURNING = math.radians(12)  # rad/s
 WEAK = 0.1
-PLANE_SPEED, FULL_STICK = 15.0, math.radians(50)  # m/s, converts a turn rate into a bank; bank of a full stick
+PLANE_SPEED, FULL_STICK = 15.0, math.radians(50)  # speed to convert turn rate to bank, m/s; bank at full stick
 
 
 class Steering:

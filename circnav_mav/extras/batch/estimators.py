@@ -24,8 +24,8 @@ class Measurements:
     """Measurements of one step, arrays (B,).
 
     psi, turn_rate, airspeed: as reported. z, sigma: range and its standard deviation, valid where `arrived`.
-    flies: True for flights under control. velocity_change (2, B): change of the velocity since the previous step by
-    accelerometers, m/s. rate: range rates (B,) measured with the ranges, and their standard deviation, m/s.
+    flies: True for flights under control. velocity_change (2, B): change of the velocity since the previous step,
+    measured by accelerometers, m/s. rate: range rates (B,) measured with the ranges, and their standard deviation, m/s.
     """
 
     dt: float

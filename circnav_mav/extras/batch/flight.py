@@ -26,10 +26,10 @@ from circnav_mav.guidance.step import StepSettings
 from circnav_mav.guidance.types import Direction, Orbit
 
 STALE = 0.5
-"""Oldest range that may steer, s; the default of `limits.stale_s`."""
+"""Largest age of a range that may steer, s; the default of `limits.stale_s`."""
 ORBIT = Orbit(100.0, Direction.COUNTERCLOCKWISE, 15.0, radians(20.0))
 TURN_LAG = 0.4
-"""Circle (flown in both directions) and turn lag (s) of config/quickstart.toml."""
+"""Circle ORBIT (flown in both directions) and turn lag (s) of config/quickstart.toml."""
 ESTIMATION = EstimatorSettings(ORBIT.speed, ORBIT.max_turn_rate)
 
 
@@ -66,7 +66,8 @@ class Situation:
 
 @dataclass(frozen=True, slots=True)
 class Tracks:
-    """Recorded flights, arrays (N, B); time (N,), sense (B,). angle: direction of p, rad. nees: NEES of (r, theta)."""
+    """Recorded flights, arrays (N, B); time (N,), sense (B,). angle: direction from the target to
+    the vehicle, rad. nees: normalized estimation error squared of (r, theta)."""
 
     time: Array
     r: Array
@@ -111,7 +112,7 @@ Make = Callable[[Array], Guidance]
 
 
 def policy(name: str) -> Make:
-    """Return the guidance of a policy, with the default gain of its law."""
+    """Return a function that makes the guidance of a policy, with the default gain of its law."""
     law, source = POLICIES[name]
 
     def make(sense: Array) -> Guidance:

@@ -29,7 +29,7 @@ POLICIES: dict[str, tuple[str, str]] = {law: (law, default_estimator(law)) for l
 }
 """Policies of the benchmark: law and estimator."""
 SHORTEST = 0.05
-"""Shortest lag for which the gains are computed, s."""
+"""Smallest lag in the settling rate of the turn response, s."""
 
 
 def estimator(name: str, settings: EstimatorSettings, flights: int) -> Estimator:
@@ -46,9 +46,9 @@ def estimator(name: str, settings: EstimatorSettings, flights: int) -> Estimator
 class Guidance:
     """Estimator and law of B flights.
 
-    lag: turn lag of the vehicles as in the missions, s. stale: oldest range that may steer, s. true_lag: the vehicles'
-    true turn lag, s; a flight learns it within some turns, a batch is given it. learns (B,): True if the turn gain is
-    learned in flight; otherwise it stays `turn_gain`.
+    lag: turn lag of the vehicles as in the missions, s. stale: largest age of a range that may steer, s. true_lag: the
+    vehicles' true turn lag, s; a flight learns it within some turns, a batch is given it. learns (B,): True if the turn
+    gain is learned in flight; otherwise it stays `turn_gain`.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class Guidance:
         return self.estimator.ready & (self._now - self._good_at <= self._stale + SAME_TIME)
 
     def observe(self, now: float, measured: Measurements, true: Truth) -> None:
-        """Update the estimate with the measurements of a step at a time, s."""
+        """Update the estimate with the measurements of one step. now: its time, s."""
         self._now = now
         self.estimator.observe(measured, true)
         self._good_at = np.where(self.estimator.taken, now, self._good_at)
@@ -105,13 +105,13 @@ ATTITUDE_EVERY = 0.05
 
 
 class Authority:
-    """Flights under control at a step, masks (B,). Here all of them, from the first step to the last."""
+    """Masks (B,) of the flights under control at a step. In this base class: all flights, at every step."""
 
     def __init__(self, flights: int, steps: int) -> None:
         self._all, self._steps = np.ones(flights, bool), steps
 
     def receives(self, step: int) -> Array:
-        """Return the mask of the flights with received ranges."""
+        """Return the mask of the flights that receive ranges at this step."""
         return self._all
 
     def flies(self, step: int, good: Array) -> Array:
@@ -136,7 +136,7 @@ def fly(
     dt: float,
     record: Record,
 ) -> None:
-    """Fly all to their ends, in steps of dt, s."""
+    """Fly all flights to their ends, in steps of dt (s)."""
     step, steps_per_heading = 0, max(1, round(ATTITUDE_EVERY / dt))
     flies = authority.flies(0, np.zeros(world.psi.shape, bool))
     while not authority.over(step):

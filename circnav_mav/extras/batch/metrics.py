@@ -45,7 +45,7 @@ def right_way(angle: Batch, sense: Batch) -> Batch:
 
 
 def went_round(angle: Batch) -> Batch:
-    """True if the flight swept a quarter turn or more, (B,), as in `metrics.direction_of`."""
+    """True if the flight swept a quarter turn or more, (B,), as in `runlog.metrics.direction_of`."""
     return np.abs(swept(angle)) >= np.pi / 2
 
 

@@ -19,8 +19,8 @@ class RangeRate(NamedTuple):
     """The filter at its newest sample, floats or arrays (B,). rr, rv, vv: covariance of (r, r').
 
     samples: number of accepted samples since the start; 0: not started, and rr is a placeholder. refused: number of
-    successive samples outside the gate that agree with each other. refused_r, refused_sigma: the newest of them. nis:
-    normalized innovation squared of the newest sample.
+    successive samples outside the gate that agree with each other. refused_r, refused_sigma: range and
+    standard deviation of the newest of them, m. nis: normalized innovation squared of the newest sample.
     """
 
     r: Number = 0.0
@@ -57,7 +57,7 @@ def filtered(before: RangeRate, h: Number, q: Number, z: Number, sigma: Number, 
 
 
 def observe(before: RangeRate, settings: EstimatorSettings, *, h: Number, z: Number, sigma: Number) -> RangeRate:
-    """Return the filter after a range z (m) of deviation sigma (m), measured h seconds after the sample before.
+    """Return the filter after a range z (m) with standard deviation sigma (m), h seconds after the previous sample.
 
     If several successive samples outside the gate agree with each other, the filter is wrong and restarts.
     """
@@ -78,7 +78,7 @@ def observe(before: RangeRate, settings: EstimatorSettings, *, h: Number, z: Num
 
 
 def observe_rate(before: RangeRate, settings: EstimatorSettings, *, h: Number, z: Number, sigma: Number) -> RangeRate:
-    """Return the filter h seconds after the sample before, with a measured range rate z (m/s) of deviation sigma.
+    """Return the filter after a range rate z (m/s) with standard deviation sigma, h seconds after the previous sample.
 
     A rate outside the gate is ignored: the ranges decide whether the filter or the rate is wrong.
     """

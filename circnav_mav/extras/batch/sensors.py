@@ -107,7 +107,7 @@ class Radio:
         return r_dot + self._offset + noise.white * white, noise.sigma
 
     def measure(self, r: Array, step: int, dt: float) -> tuple[Array, Array, Array]:
-        """Return the measured horizontal ranges (B,), their standard deviations, and True where one was accepted.
+        """Return the measured horizontal ranges (B,), their standard deviations, and True where a range was accepted.
 
         Call once per simulation step. r: true horizontal ranges (B,), m.
         """

@@ -27,7 +27,7 @@ class WorkerDiedError(Exception):
 
 @contextmanager
 def workers(count: int) -> Iterator[Submit]:
-    """Context with `count` worker processes; its value submits jobs. At the end it terminates all processes.
+    """Context with `count` worker processes. It yields a function that submits jobs. Its end terminates all processes.
 
     A job raises WorkerDiedError if its process died.
     """
@@ -73,7 +73,7 @@ def _start_worker(processes: list[BaseProcess]) -> Connection:
     ours, theirs = spawn.Pipe()
     process = spawn.Process(target=_work, args=(theirs,), daemon=True)
     process.start()
-    theirs.close()  # so that the worker's end is the end of the pipe
+    theirs.close()  # so that the pipe ends when the worker ends
     processes.append(process)
     return ours
 

@@ -35,7 +35,7 @@ class Draws:
 GAUSS_AT = np.array([0.5 - np.sqrt(15) / 10, 0.5, 0.5 + np.sqrt(15) / 10])
 """Places of the Gauss-Legendre rule with three points on 0 to 1, exact to the fifth degree."""
 GAUSS_WEIGHT = np.array([5.0, 8.0, 5.0]) / 18
-"""Its weights."""
+"""Weights of this Gauss-Legendre rule."""
 VEER_TIME, VEER_EVERY = 10.0, 50.0
 """Duration of a turn of the wind, and its period, s."""
 
@@ -50,8 +50,8 @@ class Surroundings:
 
     target_speed (m/s), target_course (rad): initial values. target_turn: turn rate of the course, rad/s. target_push:
     acceleration along the course, m/s^2. target_walk: RMS of a random walk of the velocity, limited to the initial
-    speed, m/s per sqrt(s). stands: time for which the target stops and then moves again, s; 0: it never stops. phase:
-    initial phase of these periods, 0 to 1.
+    speed, m/s per sqrt(s). stands: time for which the target moves and then stops, in turn, s; 0: it never stops.
+    phase: initial phase of these periods and of those of veer, 0 to 1.
     """
 
     wind: Array
@@ -188,6 +188,6 @@ def turn_step(omega: Array, command: Array, lag: Array, dt: float) -> tuple[Arra
 
 
 def flown(V: Array, psi: Array, omega: Array, command: Array, lag: Array, dt: float) -> Array:
-    """Return the displacement through the air (2, B) in such a step, by 3-point Gauss quadrature of the heading."""
+    """Return the displacement through the air (2, B) in a step as in `turn_step`, by 3-point Gauss quadrature."""
     headings = (psi + turn_step(omega, command, lag, at * dt)[1] for at in GAUSS_AT)
     return V * dt * sum(weight * along(heading) for weight, heading in zip(GAUSS_WEIGHT, headings, strict=True))

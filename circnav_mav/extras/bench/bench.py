@@ -2,8 +2,8 @@
 
     circnav bench --flights 1000 --out bench
 
-A flight is kept if the RMS radius error of its last 100 s is below 10 m and it went round the right way. Every cell has
-its own seed, so its numbers are the same alone and in the whole table.
+A flight is kept if the RMS radius error of its last 100 s is below 10 m and it went round the right way. The random
+numbers of a cell depend only on --seed and its situation, so its results are the same alone and in the whole table.
 """
 
 import time

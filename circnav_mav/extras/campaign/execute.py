@@ -34,7 +34,7 @@ def cores() -> int:
 
 
 def on_cores(campaign: Campaign, chunks: Chunks, processes: int, done: Done = frozenset()) -> Rows:
-    """Yield the rows of the chunks, except runs that are done, as they finish, in any order. Raises CampaignError."""
+    """Yield the rows of the chunks as they finish, in any order, without runs that are done. Raises CampaignError."""
 
     def here(function: Callable[..., Part], *arguments: Any) -> Future[Part]:
         flown: Future[Part] = Future()

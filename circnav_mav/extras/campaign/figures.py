@@ -78,21 +78,21 @@ SUMMARY = "summary.json"
 Z = 1.959964
 """Quantile of the normal distribution for intervals of 95 %."""
 LEAST_WORLDS = 6
-"""Number of worlds from which order statistics enclose the median with 95 %: 1 - 2/2^6 is 97 %, 1 - 2/2^5 is 94 %."""
+"""Smallest number of worlds (draws) whose values enclose the median with 95 %: 1 - 2/2^6 is 97 %, 1 - 2/2^5 is 94 %."""
 Interval = tuple[float | None, float | None]
 Rows = Sequence[dict[str, str]]
 """Rows of the table, as text."""
 
 
 def figures(rows: Rows, points: int = 1) -> dict[str, Any]:
-    """Return the figures of some rows of the table. points: grid points, which share their draws in each pass.
+    """Return the figures of some rows of the table. points: number of grid points, which share their draws in a pass.
 
     failed: could not be flown. not_engaged: ended before the engagement. Flights of both kinds have no RMS error and no
     settling time, so these figures cover the other flights. wrong_way: went round in the wrong sense. rms_*: RMS radius
     error of the last third, m. settled_*: time from the engagement until the error stays within 5 %, s; None: never.
-    closest: closest approach of all flights, m. worlds: flights with the same draws and noise count as one in the
-    intervals. turn_*: medians of the figures of the turn command (see `TurnFigures`). limit_cycles: flights with a
-    limit cycle.
+    closest: closest approach of all flights, m. worlds: number of different draws; in the intervals, flights with the
+    same draws and noise count as one. turn_*: medians of the figures of the turn command (see `TurnFigures`).
+    limit_cycles: flights with a limit cycle.
     """
     flown = [row for row in rows if row["rms_m"]]
     worlds, worlds_flown = (len({int(row["run"]) // points for row in some}) for some in (rows, flown))
@@ -151,7 +151,7 @@ def wilson(share: float, worlds: int) -> Interval:
 def median_interval(ordered: Any, worlds: int) -> Interval:
     """Return an interval of the median for any distribution: ranks n/2 ± z n / (2 sqrt(worlds)), rounded outwards.
 
-    With fewer than six worlds even the smallest and the largest value contain it with less than 95 %: no interval.
+    Below six worlds, even the smallest and the largest value enclose the median with less than 95 %: no interval.
     """
     n = len(ordered)
     if worlds < LEAST_WORLDS:

@@ -27,10 +27,10 @@ from circnav_mav.mav.frames import YawRate, heading_enu_from_yaw_ned, turn_rate_
 REPORTABLE_SIGMA = {
     "distance_sensor": (0.01, 0.1594),
     "ranging_beacon": (1e-3, np.inf),
-    "named_value_float": (np.inf, 0.0),
+    "named_value_float": (0.0, -np.inf),
 }
-"""Least and largest standard deviation that a message can carry, m. Outside of these bounds, the standard
-deviation of the mission is used."""
+"""Least and largest standard deviation that a message can carry, m; NAMED_VALUE_FLOAT carries none. Smaller ones are
+sent as the least. In place of larger ones, the standard deviation of the mission is used."""
 
 
 def emulated_world(runs: Sequence[Run]) -> World:
@@ -134,7 +134,7 @@ NEVER = 1 << 40
 
 
 def engagement_times(run: Run) -> tuple[float, float] | None:
-    """Return the times of the first range at the pilot and of the first setpoint, s; None if no vehicle is engaged.
+    """Return the times of the first range at the pilot and of the first setpoint, s; None if the flight never engages.
 
     A batch has no modes and no heartbeats. The times are therefore taken from one lockstep flight that starts on the
     circle, with ideal conditions and an ideal radio.
@@ -158,7 +158,7 @@ def engagement_times(run: Run) -> tuple[float, float] | None:
 
 
 class Engagement(Authority):
-    """Flights under control: from the first good estimate after `begins` to the end of the mission's time.
+    """Flights under control: from the first good estimate after `begins` (`engagement_times`) to the mission's end.
 
     A flight also ends after too long a time without a good estimate. engaged, ended (B,): numbers of the steps.
     stopped (B,): True if the flight ended because ranges were missing.
@@ -201,8 +201,8 @@ def time_step(run: Run) -> float:
 
 
 def fly_batch(runs: Sequence[Run]) -> list[FlightResult] | None:
-    """Fly runs of the same group. Return their results in order; None if the lockstep flight for the times of
-    engagement does not engage."""
+    """Fly runs of the same group. Return their results in order; None if the lockstep flight of
+    `engagement_times` does not engage."""
     begins = engagement_times(runs[0])
     if begins is None:
         return None

@@ -46,7 +46,7 @@ def group(run: Run) -> tuple[tuple[str, str], ...]:
 def lockstep_reason(run: Run) -> str | None:
     """Return the first reason why a flight needs lockstep, or None if a batch can fly it.
 
-    A batch models only the ideal copter and the pilot's steering, with radios of the same kind.
+    A batch models only the ideal copter, the emulator's radios and the pilot's steering.
     """
     file, sim = run.mission.file, run.vehicle
     airframe, start, ranging = sim.vehicle, sim.start, sim.ranging
@@ -79,13 +79,13 @@ BATCH_STEPS = 8_000_000
 MOST_IN_CHUNK = 1000
 """Largest number of flights in a chunk: with more, numpy's overhead per step is negligible already."""
 MOST_TRIED = 64
-"""Number of flights that are searched for one that a batch can fly."""
+"""Largest number of flights that are tried to find one that a batch can fly."""
 LEAST_CHUNKS = 4
 """Least number of chunks, so that a small campaign uses several processes."""
 
 
 def chunks(campaign: Campaign) -> list[range]:
-    """Return the runs in chunks that depend on the campaign only, so that rows are independent of the processes."""
+    """Return the runs in chunks that depend on the campaign only: rows are the same for any number of processes."""
     size = max(1, min(_most_together(campaign), -(-campaign.runs // LEAST_CHUNKS)))
     return [range(first, min(first + size, campaign.runs)) for first in range(0, campaign.runs, size)]
 

@@ -90,9 +90,9 @@ def flat(
 
 
 START = {f"start.{name}": f"sim.start.random.{name}" for name in ("range_m", "bearing_deg", "heading_deg")}
-"""Start relative to the target, which in a vehicle file exists only as bounds of random values."""
+"""Keys of the start relative to the target. A vehicle file gives this start only as bounds of random values."""
 LEAST_TRIED, MOST_TRIED = 32, 256
-"""Number of runs tried with a value before it is refused: all other grid values, within these bounds."""
+"""Bounds of the number of runs tried before a value is refused. Within them: one per grid point of the other keys."""
 
 
 @dataclass(frozen=True)
@@ -240,7 +240,7 @@ def prepare(campaign: Campaign, number: int) -> Run:
 
 
 def unflyable_value(campaign: Campaign) -> str | None:
-    """Return the reason why a listed value, or every draw, cannot be flown with any other values; None if all can."""
+    """Return why a listed value cannot be flown with any other values, or why no run can be flown; None if all can."""
     stride, points = 1, [(1, 1, 0)]
     for values in campaign.swept.values():
         points += [(stride, len(values), which) for which in range(len(values))]
@@ -251,8 +251,8 @@ def unflyable_value(campaign: Campaign) -> str | None:
 def _why_not(campaign: Campaign, stride: int, values: int, which: int) -> str | None:
     """Return the reason why no run with value number `which` of a key can be flown; None if one of a sample can.
 
-    The sample is taken from the grid and the draws. stride: step of the key in the numbers of the grid points. values:
-    number of values of the key.
+    The sample is taken from the grid and the draws. stride: step in the number of the grid point from one value of
+    the key to the next. values: number of values of the key.
     """
     first, others = None, campaign.cells // values
     rng = np.random.default_rng([campaign.seed, which])

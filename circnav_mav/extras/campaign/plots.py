@@ -19,9 +19,9 @@ from circnav_mav.report.plots import STYLE, literal, save
 Rows = Sequence[dict[str, str]]
 LOST, LINE = "#c8501e", "#1f5fa8"
 MOST_LINES = 8
-"""Values of a key up to which a picture has a line for each; chosen."""
+"""Largest number of values of a key for which a picture has a line for each value; chosen."""
 BINS = 12
-"""Groups of flights along an axis; chosen, enough for a curve and few enough for medians."""
+"""Number of groups of flights along an axis; chosen, enough for a curve and few enough for medians."""
 
 
 def plot_campaign(

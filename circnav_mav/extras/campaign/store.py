@@ -34,7 +34,7 @@ class Store:
     """
 
     def __init__(self, folder: Path, campaign: Campaign, *, resume: bool = False) -> None:
-        """Create the folder, or open that of an earlier run of the same campaign. Raises CampaignError."""
+        """Create the folder, or open the folder of the same campaign to resume it. Raises CampaignError."""
         self.folder, self.done = folder, set[int]()
         self._columns, self._runs = columns(campaign), campaign.runs
         self._path = folder / TABLE
@@ -75,7 +75,7 @@ class Store:
         self._held.close()
 
     def sort(self) -> None:
-        """Sort the rows by run, after the last one: equal campaigns give equal files. Raises CampaignError."""
+        """Sort the rows by run. Call after the last row: equal campaigns give equal files. Raises CampaignError."""
         with _refusing(self._path):
             header, *lines = read_bytes(self._path, MAX_TABLE).splitlines(keepends=True) or [b""]
             lines.sort(key=lambda line: int(line.partition(b",")[0]))

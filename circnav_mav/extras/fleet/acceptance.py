@@ -31,7 +31,7 @@ MOST_MEMBERS = 32
 PHASE_TOLERANCE = 0.35
 """Tolerance, rad, between a phase and its extrapolation, in addition to three standard deviations."""
 PHASE_RATE_TOLERANCE = 0.1
-"""Growth of PHASE_TOLERANCE on the circle, rad/s: changes of the commanded radius change the phase rate."""
+"""Growth rate of the phase tolerance on the circle, rad/s: changes of the commanded radius change the phase rate."""
 CONFIRMED_AFTER = 2.0
 """Time, s, for which a phase must be consistent after a jump before it is accepted."""
 ALARM_COUNT, ALARM_TIME = 3, 5.0
@@ -158,8 +158,8 @@ class Acceptance:
         *,
         hosts: frozenset[str] | None = None,
     ) -> None:
-        """group, member: ids of this member. signing, key: of the fleet, both or neither. hosts: accepted senders, or
-        None."""
+        """group, member: ids of this member. signing, key: of the fleet, both or neither. hosts: accepted senders;
+        None: all."""
         self.members: dict[int, Member] = {}
         self.rejected: Counter[Rejection] = Counter()
         self.accepted = self.copies = 0

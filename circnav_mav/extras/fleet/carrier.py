@@ -1,7 +1,7 @@
-"""Carrier of the fleet's reports between companion computers, on a separate socket without autopilots.
+"""Carrier of the fleet's reports between companion computers, on a separate socket, never through an autopilot.
 
-Transport: UDP multicast, or a list of peers. An open carrier never blocks and never raises: a network failure is an
-alarm and is retried. Time comes from the stamp of this member's report and from the `now` of `received`.
+Transport: UDP multicast, or a list of peers. An open carrier never blocks and never raises: a network failure raises
+an alarm and is retried. Time comes from the stamp of this member's report and from the `now` of `received`.
 """
 
 import socket
@@ -36,8 +36,8 @@ RECEIVE_BUFFER = 1 << 16
 RETRY = 2.0
 """Time, s, between two attempts to open the socket."""
 SILENCE = 5.0
-"""Time, s, without any datagram after which a multicast socket is reopened: it also receives what it sends. Unplugging
-an interface ends the group membership without an error."""
+"""Time, s, without any datagram after which a multicast socket is reopened. It also receives this member's datagrams,
+so silence is a fault: unplugging an interface ends the group membership without an error."""
 PROBLEM_LASTS = 5.0
 """Time, s, for which a problem is reported after it last occurred."""
 MOST_FRAMES = 4096
@@ -54,8 +54,8 @@ class FrameCarrier:
     """Sends and receives reports as signed MAVLink frames over a port."""
 
     def __init__(self, port: "UdpPort | LocalPort", group: int, member: int, key: bytes | None = None) -> None:
-        """group, member: ids of this member. key: 32 bytes of the fleet's key, None for unsigned frames."""
-        # Separate `Signing` from the vehicle's link: a member with a wrong clock must not change the timestamp that
+        """group, member: ids of this member. key: the fleet's key, 32 bytes; None for unsigned frames."""
+        # Not the `Signing` of the vehicle's link: a member with a wrong clock must not change the timestamp that
         # signs commands to the autopilot.
         signing = None if key is None else Signing(key, link_id=LINK_ID)
         self.acceptance = Acceptance(group, member, signing, key, hosts=port.hosts)

@@ -12,7 +12,7 @@ from circnav_mav.extras.fleet.phase import LAP
 EVEN = radians(5.0)
 """Largest gap error of an even fleet, rad."""
 LASTS = 20.0
-"""Time, s, for which all gaps must be within EVEN."""
+"""Time, s, for which all gap errors must stay within EVEN."""
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ def gap_error(phases: Collection[float]) -> float:
 
 
 def even_from(time: ArrayLike, errors: ArrayLike, since: float) -> float | None:
-    """Return the first time since `since` from which all gaps are within EVEN for LASTS, s, or None.
+    """Return the first time, s, not before `since`, from which all gap errors stay within EVEN for LASTS; or None.
 
     errors: gap errors at these times, rad; nan counts as uneven.
     """

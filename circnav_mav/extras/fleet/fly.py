@@ -56,7 +56,7 @@ def fly_fleet(
     seed = (missions[0].file.sim or {}).get("seed", 0)
     network = LocalNetwork(fleet_loss or 0.0, fleet_delay or 0.0, seed)
     with ExitStack() as opened:
-        # The page of the first member shows the others too.
+        # Only the first member has a live page: it shows the other members too.
         rest = options | {"web": None}
         members = [_member(one, network, folder, rest if i else options, opened) for i, one in enumerate(missions)]
         epoch_us = members[0].clock.epoch_us
@@ -119,7 +119,7 @@ def _start(member: Member, epoch_us: int) -> None:
 
 
 def _watch(pace: float | None, stop: StopRequest) -> Callable[[FleetFlight], None]:
-    """Return the function that is called after each sample: progress lines, and waits that keep the pace.
+    """Return a function to call after each sample: it prints progress lines, and waits to keep the pace.
 
     pace: simulated seconds per real second, None for any.
     """

@@ -2,10 +2,10 @@
 
 A report is one DEBUG_FLOAT_ARRAY: every log reader decodes it, and no autopilot acts on it. The sender's system id is
 its id within the group, its component id is COMPONENT, and `array_id` is the group. `time_usec` holds the stamp in
-microseconds, so that it does not pass through a 32-bit number. NAME ends in the version of the format.
+microseconds, so that it is not rounded to a 32-bit float. NAME ends in the version of the format.
 
-The other fields are 32-bit floats in the order of `_numbers`. The coarsest steps are 1 mm of height at 10 km, 0.25 ms
-of a lap of an hour, and 0.5 microradian of phase.
+The other fields are 32-bit floats in the order of `_numbers`. Their coarsest steps are 1 mm in height (at 10 km),
+0.25 ms in lap period (at one hour), and 0.5 microradian in phase.
 """
 
 from math import tau
@@ -65,7 +65,7 @@ def from_message(message: Message) -> MemberReport:
 
 
 def _numbers(report: MemberReport) -> list[float]:
-    """Return the fields in the order of the format. The height is last: trailing zero bytes are not sent."""
+    """Return the fields in the order of the format. The height is last: if it is 0, its bytes are not sent."""
     return [
         float(report.state),
         float(report.sense),

@@ -1,12 +1,13 @@
 """Even spacing of the members on one circle, from their reported temporal phases.
 
 Every member receives all reports and computes the same slots: no leader, no fixed number of members and no positions
-are needed. The slots are evenly spaced and as near as possible to the members (least squares). Fleet law:
+are needed. The slots are evenly spaced and as near as possible to the members (least squares). Phase lag u_i of member
+i behind its slot, from the phases tau of n members:
 
     u_i = c + 2 pi k_i / n - tau_i,   c = mean over k of (tau_k - 2 pi k / n),   k: rank of the phase on the ring
 
 A member that is behind its slot (u > 0) flies a smaller circle, or faster. A slow integral corrects lasting differences
-such as airspeeds: two vehicles that differ by 2 % stay even only on circles whose radii differ by 2 %.
+between vehicles, such as in airspeed: with 2 % difference they stay even only on circles whose radii differ by 2 %.
 """
 
 from collections.abc import Iterable, Mapping
@@ -23,13 +24,13 @@ GAIN = 0.6
 LEAD = 4.0
 """Time in which the radius follows a command, s: 3 s inward and 6 s outward for a plane at 15 m/s."""
 INTEGRAL = 0.2
-"""Rate of the integral, in units of the angular rate times GAIN squared: below 0.25 the loop does not overshoot."""
+"""Rate of the integral, in units of GAIN^2 times the angular rate: below 0.25 the loop does not overshoot."""
 MAX_TRIM = 0.08
-"""Largest value of the integral."""
+"""Largest value of the integral, as a share of the angular rate."""
 TRIM_WITHIN = 0.15
-"""Largest slot error, rad, for which the integral runs. With larger errors the member would overshoot its slot."""
+"""Largest slot error, rad, for which the integral runs. If it ran at larger errors, the member would overshoot."""
 FORGET, FORGET_ALONE = 300.0, 30.0
-"""Decay times of the integral, s: in a ring, to remove the part that all members have in common, and when alone."""
+"""Decay time of the integral, s, in a ring and alone. In a ring, decay removes the part common to all members."""
 SMOOTHING = 2.0
 """Time constant of the filter on the slot error, s."""
 MAX_RADIUS_CHANGE, MAX_RADIUS_SHARE, MAX_SPEED_SHARE = 20.0, 0.2, 0.15
@@ -43,7 +44,7 @@ FORMED = 0.35
 LEAST_RING = 2
 """Smallest number of members in a formed ring."""
 CLEARANCE = 0.7
-"""Smallest distance to both neighbors, in units of half the even gap, for a member to enter from the outer lane."""
+"""Smallest phase difference to both neighbors, in units of half the even gap, to enter from the outer lane."""
 
 
 def slot_errors(phases: Mapping[int, float]) -> dict[int, float]:
@@ -73,9 +74,9 @@ def gaps(phases: Iterable[float]) -> list[float]:
 
 @dataclass(frozen=True, slots=True)
 class SpacingSettings:
-    """Settings of one member. radius, speed: of the circle, m, m/s. by_speed: True to modulate the speed (copters).
-    trims_speed: True to apply the integral to the speed; the vehicle must follow speed commands. inward, outward:
-    room beside the circle allowed by the mission, m."""
+    """Settings of one member. radius, speed: of the circle, m, m/s. sense: +1 counter-clockwise, -1 clockwise.
+    by_speed: True to space by the speed instead of the radius (copters). trims_speed: True to apply the integral to the
+    speed; the vehicle must follow speed commands. inward, outward: room beside the circle allowed by the mission, m."""
 
     member: int
     radius: float
@@ -88,7 +89,7 @@ class SpacingSettings:
 
     @property
     def most(self) -> float:
-        """Largest relative change of the angular rate, symmetric so that the changes of a fleet still sum to zero."""
+        """Largest relative change of the angular rate, equal for both signs so that the changes in a fleet sum to 0."""
         if self.by_speed:
             return MAX_SPEED_SHARE
         return min(min(MAX_RADIUS_CHANGE, self.inward, self.outward) / self.radius, MAX_RADIUS_SHARE)
@@ -113,7 +114,7 @@ class OwnState:
 
 @dataclass(frozen=True, slots=True)
 class Adjustment:
-    """Result of a step. offset: m outward from the circle. speed: factor of the speed. error: smoothed u, rad,
+    """Result of a step. offset: m outward from the circle. speed: factor of the speed. error: smoothed lag u, rad,
     None while not on the circle. counted: phases of the members on the circle including this one, rad, by id."""
 
     state: State
@@ -218,14 +219,15 @@ class Spacing:
     def _closing(self, range_: float) -> float:
         """Return the part of the error that the present radius removes within LEAD, rad.
 
-        The error changes at -w x, with the angular rate w and the relative reduction x of the radius. The radius
-        follows a command K u within T: T x' + x = K u. Their loop overshoots for T > 1 / (4 K w). The command
-        K (u - w T x) cancels the lag: the poles become -1 / T and -K w, as if the radius followed at once.
+        The error u changes at -w x, with the angular rate w and the relative reduction x of the radius. The radius
+        follows a command K u with the lag T: T x' + x = K u. This loop overshoots for T > 1 / (4 K w). The command
+        K (u - w T x) cancels the lag: the poles become -1 / T and -K w, as if the radius followed at once. K is GAIN,
+        T is LEAD.
         """
         settings = self.settings
         if settings.by_speed:
             return 0.0
-        # A lasting change of the radius, which compensates another airspeed, does not change the error.
+        # The integral's change of the radius, which compensates a different airspeed, does not change the error.
         lasting = 0.0 if settings.trims_speed else self.trim
         inward = (settings.radius - range_) / settings.radius - lasting
         return LEAD * settings.speed / settings.radius * min(max(inward, -settings.most), settings.most)
@@ -248,9 +250,9 @@ class Spacing:
 
 
 def least_time_to_even(n: int, angular_rate: float, most: float, apart: float = 0.0) -> float:
-    """Return the shortest time, s, to space n members evenly. The outermost members need it.
+    """Return the shortest time, s, to space n members evenly: the time that the outermost members need.
 
-    angular_rate: rad/s. most: largest relative change of it. apart: initial gap between neighbors, rad.
+    angular_rate: rad/s. most: largest relative change of this rate. apart: initial gap between neighbors, rad.
     """
     outermost = (n - 1) / 2 * (LAP / n - apart)
     return outermost * (1 + most) / (angular_rate * most)

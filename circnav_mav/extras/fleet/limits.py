@@ -10,20 +10,20 @@ from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check
 from circnav_mav.mission.mission import Mission
 
 GAP_SIGMAS = 4.0
-"""Smallest gap between two members, in standard deviations of the worst gap error."""
+"""Smallest even gap between two members, in units of the expected largest gap error."""
 COMPASS_SIGMA = radians(2.0)
 """Typical error of a calibrated compass, rad."""
 LEAST_GAP = 25.0
 """Smallest distance of neighbors on the circle, m, that separates them without height layers."""
 LEAST_RATE = 1.0
-"""Smallest range rate of one member, Hz, for estimating the relative motion."""
+"""Smallest number of ranges per second of one member, Hz, for estimating the relative motion."""
 MAX_ROOM = 25
 """Largest room beside the circle that the fleet law uses, m."""
 AUTO_LAWS = ("auto", "drift")
 
 
 def spacing_settings(mission: Mission, member: int) -> SpacingSettings:
-    """Return the spacing settings of a member. The circle limits of the mission bound the modulation."""
+    """Return the spacing settings of a member. The mission's circle limits bound the requested changes."""
     orbit, kind = mission.orbit, mission.file.vehicle.kind
     limits = mission.pilot_settings().circle_limits
     # Room beside the circle, inward and outward, that the mission allows, m.
@@ -51,7 +51,7 @@ def spacing_settings(mission: Mission, member: int) -> SpacingSettings:
 
 
 def fleet_limits(mission: Mission, table: FleetTable) -> Iterator[Check]:
-    """Yield checks of the fleet size, the evenness and its time, and the ranging rate of each member."""
+    """Yield checks of the law, the fleet size, the evenness, the time to reach it, and the ranges per second."""
     assert table.id is not None
     if mission.file.guidance.law not in AUTO_LAWS:
         words = f'the law {mission.file.guidance.law} does not estimate the phase: set guidance.law = "auto"'

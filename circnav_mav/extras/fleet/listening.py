@@ -2,7 +2,6 @@
 
 import select
 from collections.abc import Iterator
-from math import inf
 
 from circnav_mav.cli.exits import Refused
 from circnav_mav.extras.fleet.acceptance import Rejection
@@ -16,7 +15,7 @@ from circnav_mav.runtime.clock import steady, unix_time
 LISTEN, LISTEN_AT_START = 3.0, 1.0
 """Time to listen in preflight and before a flight, s: 15 and 5 reports of each member."""
 REFUSED = (Rejection.SAME_ID, Rejection.CLOCKS_DISAGREE, Rejection.WRONG_KEY, Rejection.UNSIGNED)
-"""Rejections that fail the preflight. Others are counted in flight."""
+"""Rejections that fail the preflight. Other rejections give a warning."""
 
 
 def listen_to_fleet(mission: Mission, table: FleetTable) -> Iterator[Check]:
@@ -26,7 +25,7 @@ def listen_to_fleet(mission: Mission, table: FleetTable) -> Iterator[Check]:
 
 
 def refuse_taken(mission: Mission, table: FleetTable) -> None:
-    """Receive reports for a moment. Raises Refused if another member has this member's id or height layer."""
+    """Receive reports for a moment. Raises Refused if this member's id or height layer is taken."""
     newest, rejected, _ = _listen(table, LISTEN_AT_START)
     # Other rejections do not prevent the start: one member with a wrong clock would otherwise ground all members.
     relevant: dict[Rejection, int] = {
@@ -66,8 +65,9 @@ def judge_fleet(
         yield Check(FAIL if fatal else WARN, "fleet link", line.removeprefix("fleet link: "))
     if rejected.get(Rejection.SAME_ID) and not problems:
         yield Check(FAIL, "fleet link", f"the id {table.id} is in use: give each member another id")
-    heights = {member: report.height for member, report in newest.items()}
     own = mission.file.orbit.height_above_target_m
-    heights[table.id or 0] = inf if own is None else own
-    for line in layer_lines(heights, table.layer_m):
-        yield Check(FAIL, "fleet layer", line.removeprefix("fleet: "))
+    if own is None or mission.file.vehicle.kind == "rover":
+        return
+    for member, report in newest.items():
+        for line in layer_lines({table.id or 0: own, member: report.height}, table.layer_m):
+            yield Check(FAIL, "fleet layer", line.removeprefix("fleet: "))

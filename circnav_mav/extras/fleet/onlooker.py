@@ -1,7 +1,7 @@
-"""Fleet member next to its pilot: sends and receives reports, and requests changes that space the fleet evenly.
+"""Onlooker of a fleet member: sends and receives reports, and requests changes that space the fleet evenly.
 
 It uses the relative motion estimated by the pilot. It requests only changes of radius and speed within narrow limits.
-Without reports from other members it requests nothing, and the vehicle flies as a single one.
+Without reports from other members it requests nothing, and the vehicle flies as a single vehicle.
 """
 
 import io
@@ -34,11 +34,11 @@ from circnav_mav.runtime.onlookers import Onlooker, OnlookerSettings, OtherVehic
 STEP = 0.1
 """Shortest time between two steps of the fleet law, s."""
 REQUEST_EVERY, LEAST_OFFSET, LEAST_PACE = 0.5, 0.1, 0.002
-"""Shortest time between two requests, s, and smallest change that is requested: m, and share of the speed."""
+"""Shortest time between two requests, s, and smallest requested changes: of radius, m, and as a share of speed."""
 MAP_EVERY = 1.0
 """Time between two updates of the phase map, s."""
 DRIFT_TIME = 10.0
-"""Time constant of the drift used for the phase map, s: gusts do not change the lap."""
+"""Time constant of the filter on the drift for the phase map, s. It removes gusts, which do not change the lap."""
 LEAVE_AHEAD = 15.0
 """Time before the end of the flight, s, at which a member announces that it leaves."""
 FAREWELL = 1.0

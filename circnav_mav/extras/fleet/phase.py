@@ -77,7 +77,7 @@ def wrapped(angle: float) -> float:
 def intersected(one: Drift, other: Drift) -> Drift:
     """Fuse two estimates whose correlation is unknown (covariance intersection, Julier and Uhlmann 1997).
 
-    The weight (one of eleven) minimizes the determinant.
+    The weight is the one of eleven values that minimizes the determinant of the fused covariance.
     """
     a, b = _matrix(one), _matrix(other)
     inverse_a, inverse_b = np.linalg.inv(a), np.linalg.inv(b)

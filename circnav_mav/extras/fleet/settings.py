@@ -38,7 +38,7 @@ def table_of(mission: Mission) -> FleetTable:
 
 
 def check_fleet(mission: Mission) -> Iterator[Check]:
-    """Yield the limits of the fleet, if the mission has one."""
+    """Yield checks of the fleet's limits if the mission has a fleet id. Warn if it has other fleet keys only."""
     table = table_of(mission)
     if table.id is not None:
         from circnav_mav.extras.fleet.limits import fleet_limits

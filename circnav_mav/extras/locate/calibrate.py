@@ -27,7 +27,8 @@ from circnav_mav.mission.mission import Mission
 from circnav_mav.runlog.atomic_write import write_text
 
 BIAS, CLOCKS = 10.0, 0.1
-"""Standard deviations of an uncalibrated radio's bias, m, and delay, s: one recorder stamps ranges and positions."""
+"""Standard deviation of an uncalibrated radio's bias, m. Standard deviation of its delay, s: small, because one
+recorder stamps ranges and positions."""
 LEAST = 10
 """Smallest number of ranges in a bin."""
 BINS = 8
@@ -39,15 +40,16 @@ SHARP = 0.01
 ROUNDS = 4
 """Number of refinements of the table and of the place. Each refinement changes both less than the one before."""
 MISSION_HEIGHT = 0.1
-"""Standard deviation of the mission's height, m. The flight corrects its ranges with the same height. An error of the
-height enters the calibration, and the circle still has the true radius."""
+"""Standard deviation of the mission's height, m: small, because the flight corrects its ranges with the same height. An
+error of the height changes the calibration, but the circle still has the true radius."""
 LATE = 0.05
 """Smallest delay that is corrected, s. At 15 m/s a smaller delay changes a range by less than the GPS error."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bin:
-    """Ranges of similar length. true, error, spread: m."""
+    """Ranges of similar length. true: median true length, m. error: median of reported minus true length, m. spread:
+    standard deviation of this error without outliers, m. count: number of ranges."""
 
     true: float
     error: float
@@ -112,8 +114,8 @@ def measure(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> Cal
         if isinstance(place, NotLocated):
             return place
     assert isinstance(place, Place)
-    # A range is never measured after its timestamp. An offset with the other sign has another cause: late positions, or
-    # a radio that is not linear.
+    # A range is never measured after its timestamp. A negative delay has another cause: late positions, or a radio that
+    # is not linear.
     delay = round(-place.delay, 3) if -place.delay > max(3 * place.delay_sigma, LATE) else 0.0
     scale, bias = (
         (1.0, place.range_error(place.range_scale)[0]) if not place.scale_found else (1 + place.scale, place.bias)
@@ -124,9 +126,9 @@ def measure(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> Cal
     off = [abs(one.error - (linear.reported(one.true) - one.true)) - 3 * one.spread / one.count**0.5 for one in bins]
     if max(off, default=0.0) <= CURVED * known.gps_sigma:
         return straight
-    # The radio is not linear. The place by the straight line is slightly off, and so is the table made with it. Each
-    # round improves both, because a circle gives the place for any constant error. The delay is kept: on a straight
-    # approach it is indistinguishable from a bias of the far ranges, and estimating both diverges.
+    # The radio is not linear. The place fitted with a straight line is slightly off, and so is a table made with this
+    # place. Each round improves both, because a circle gives the place for any constant error. The delay is kept: on a
+    # straight approach it is indistinguishable from a bias of the far ranges, and estimating both diverges.
     track = replace(track, time=track.time - place.delay)
     settled = replace(known, bias_sigma=1.0, scale_sigma=CALIBRATED, delay_sigma=0.001)
     curved = straight
@@ -177,7 +179,7 @@ def _radio(logs: Sequence[RangeLog], tag: str | None, source: Path) -> tuple[Ran
 
 
 def _target_height(track: Track, altitude: float | None, mission: Mission | None) -> tuple[float, float]:
-    """Return the beacon's altitude and its standard deviation, m: given, from the mission, or the lowest point."""
+    """Return the beacon's altitude (given, else by the mission, else the track's lowest point) and its sigma, m."""
     if altitude is None and mission is not None:
         above, altitude = mission.height.above_target, mission.height.target_altitude
         altitude = float(np.median(track.up)) - above if altitude is None and above is not None else altitude

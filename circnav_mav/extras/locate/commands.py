@@ -1,4 +1,4 @@
-"""Options and help of `circnav locate`. `command` implements it."""
+"""Options and help of `circnav locate` and `circnav ranging calibrate`. The modules `command`, `calibrate` run them."""
 
 import click
 

@@ -43,11 +43,11 @@ CALIBRATED, UNCALIBRATED = 0.0003, 0.1
 """Standard deviation of a radio's scale error, calibrated and uncalibrated. A quartz clock errs by 20 ppm. Air slows
 radio waves by 300 ppm, which many radios do not correct."""
 EXPLAINED = 1.3
-"""Ratio of the noise found to the reported sigma up to which a stationary target explains the ranges."""
+"""Largest ratio of the noise found to the reported sigma with which a stationary target explains the ranges."""
 UP_KNOWN = 2.0
 """Standard deviation of the height, m, above which it counts as not observed."""
 HARDLY = 5.0
-"""Change of the distance to the target from which the clock offset is observable, in units of range noise plus GPS
+"""Smallest change of the target's distance that makes the clock offset observable, in units of range noise plus GPS
 sigma. With a smaller change, variations of the GPS error would be fitted as an offset."""
 ROUGH = 0.25
 """Largest standard deviation of a valid place, as a share of the median range."""
@@ -161,7 +161,7 @@ def _explains(place: Place | NotLocated, ranges: Ranges, known: Knowledge) -> Ty
 
 
 def _apart(track: Track, ranges: Ranges) -> str:
-    """Return a hint if ranges and positions do not overlap in time: different clocks or time units. Empty otherwise."""
+    """Return a hint that clocks or time units may differ, with both time spans. Empty for few ranges or positions."""
     if len(ranges.r) < LEAST or len(track.time) < 2:
         return ""
     of_ranges, of_positions = (f"{time[0]:.6g} to {time[-1]:.6g} s" for time in (ranges.time, track.time))
@@ -191,7 +191,7 @@ def _good(place: Place) -> bool:
 
 
 def _best(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None) -> Place | NotLocated:
-    """Return the place of a stationary target, or `NotLocated` if two places fit."""
+    """Return the place of a stationary target, or `NotLocated` if no place or two places fit."""
     problem = _Problem(track, ranges, known)
     if near is not None and not near.moves:
         place = problem.finish(problem.fit(np.array([near.east, near.north])), plane)
@@ -258,8 +258,8 @@ class _Problem:
     def fit(self, start: Array) -> Fit | None:
         """Return the robust fit, or None. start: east, north[, velocity], or all states except the nodes."""
         x = np.zeros(self._own + 2 * self._between.shape[1])
-        # Start below the track. Level with the vehicle, the range does not depend on the height, and the fit would
-        # stay there.
+        # Start below the track. At the vehicle's own height, the derivative of the range with respect to the height
+        # is zero, and the fit would stay there.
         below = float(np.median(self.track.up)) - 0.2 * float(np.median(self.ranges.r))
         x[:2], x[U] = start[:2], min(self.known.up, below) if self.known.up_sigma > 10 else self.known.up
         if len(start) == self._own:
@@ -328,7 +328,7 @@ class _Problem:
     def _of_one_length(self, radio: Array, covariance: Array) -> tuple[Array, Array]:
         """Return bias and scale with their covariance, from the prior and the range error at the median length."""
         # On a circle around the target, the computed lengths change only by the GPS error, which the ranges do not
-        # contain. The fit mistakes it for a slope: a scale of 1.07 with a free bias once resulted in 0.80 ±0.06.
+        # contain. The fit mistakes it for a slope: with a free bias, a true scale of 1.07 was fitted as 0.80 ±0.06.
         slope = np.array([1.0, (float(np.median(self.ranges.r)) - radio[0]) / (1 + radio[1])])
         prior = np.diag([self.known.bias_sigma**2, self.known.scale_sigma**2])
         gain = prior @ slope / (slope @ prior @ slope + slope @ covariance @ slope)
@@ -337,16 +337,16 @@ class _Problem:
     def covariance(self, fit: Fit) -> Array:
         """Return the covariance of the states. Raises LinAlgError."""
         covariance: Array = np.linalg.inv(fit.jac.T @ fit.jac).astype(float)
-        # Level with the vehicle, the derivative of a range with respect to the height is zero. The covariance then
-        # ignores that a height explains the same ranges as a bias and a scale. The range depends on the square of the
-        # height difference. The standard deviation of that square gives a smallest difference. Below it, the slope at
-        # that difference replaces the derivative.
+        # For a target level with the vehicle, the derivative of a range with respect to the height is zero. The
+        # covariance then ignores that a height error changes the ranges as a bias and a scale do. The range depends on
+        # the square of the height difference. The root of the standard deviation of this square is the smallest
+        # observable difference. Below it, use the slope at this smallest difference instead of the derivative.
         count, (far, _, _) = len(self.ranges.r), self._line_of_sight(fit.x)
         off = float(np.median(np.abs(np.interp(self.ranges.time, self.track.time, self.track.up) - fit.x[U])))
         if off > self.known.up_sigma:
             return covariance
         table = fit.jac.copy()
-        # The bias column carries the weights of outliers.
+        # The bias column holds the weight of each range, which is reduced for outliers.
         slope = table[:count, BIAS] * (1 + fit.x[SCALE]) / np.maximum(far, 1e-3)
         table[:count, U] = self.known.up_sigma * slope
         wide: Array = np.linalg.inv(table.T @ table).astype(float)
@@ -359,7 +359,7 @@ class _Problem:
     def one_sided(self, fit: Fit, sigma: float) -> bool:
         """True if the ranges or the prior reject the height mirrored at the track. sigma: of the height, m."""
         # A level track fits a target as far above it as below it. Near the level of the track the linear covariance is
-        # too small: a UWB radio on a cart once gave -1.5 ±0.7 m for +0.9 m.
+        # too small: a UWB radio on a cart once gave -1.5 ±0.7 m for a true +0.9 m.
         known, start = self.known, fit.x[: self._own].copy()
         mirror = 2 * float(np.median(self.track.up)) - float(fit.x[U])
         if abs(mirror - fit.x[U]) < sigma:

@@ -1,6 +1,6 @@
 """Export of the place: MAVLink messages, GeoJSON (RFC 7946), KML 2.2, Cursor on Target 2.0.
 
-Map coordinates carry no height: these formats count from the ellipsoid, a vehicle from sea level.
+Map coordinates carry no height: GeoJSON and Cursor on Target count it from the ellipsoid, a vehicle from sea level.
 """
 
 import json
@@ -32,7 +32,7 @@ def degrees_e7(place: Place) -> tuple[int, int]:
 
 
 def named_values(place: Place, now: float) -> list[Message]:
-    """Return values for graphs in a ground station: m east and north of the vehicle's first position, sigma, speed."""
+    """Return values for ground station graphs: target m east and north of the first vehicle position, sigma, speed."""
     values = {"CN_TEAST": place.east, "CN_TNORTH": place.north, "CN_TSIG": place.sigma, "CN_TSPD": place.speed}
     if place.up_known:
         values["CN_TALT"] = place.up
@@ -149,7 +149,7 @@ def kml(places: dict[str, Place]) -> str:
 
 
 def cursor_on_target(place: Place, name: str, epoch_us: int, now: float) -> bytes:
-    """Return a Cursor on Target event for an unknown object on the ground. Its ce is one standard deviation, m."""
+    """Return a Cursor on Target event for an unknown object on the ground. ce (circular error) is one sigma, m."""
     time = datetime.fromtimestamp(epoch_us / 1e6, UTC) + timedelta(seconds=now)
     words: dict[str, Any] = {"version": "2.0", "uid": f"circnav.{name}", "type": "a-u-G", "how": "m-f"}
     event = Xml.Element("event", words | {"time": _zulu(time), "start": _zulu(time)})

@@ -18,8 +18,8 @@ def survey_sigma(mission: Mission, seconds: float) -> float | None:
     """Return the standard deviation per axis of the beacon's place after this time on the circle, m, or None if the
     estimator cannot find it.
 
-    The estimator gets positions and ranges without errors. Its covariance then has the stated sigmas of GPS, height and
-    ranges only.
+    The estimator gets positions and ranges without errors. Its covariance then contains only the stated sigmas of
+    GPS, height and ranges.
     """
     orbit, ranging = mission.orbit, mission.file.ranging
     height = mission.file.orbit.height_above_target_m

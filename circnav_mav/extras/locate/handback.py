@@ -1,7 +1,8 @@
 """Hand-back: send MAV_CMD_EXTERNAL_POSITION_ESTIMATE once a second to an autopilot that has lost its position.
 
 No position is sent while the autopilot has an absolute position, or while its status is not reported. Sending stops
-for good if the autopilot does not support the command, gives an unexpected answer, or accepts positions without effect.
+for good if the autopilot does not answer, does not support the command, gives an unexpected answer, or accepts
+positions without effect.
 """
 
 from cmath import phase, rect
@@ -26,7 +27,8 @@ FUSES = {
 }
 """Estimator flag that an absolute position is fused, by message. ArduPilot clears it 10 s after the last GPS, vision or
 beacon measurement (NavEKF3's posTimeout), and a handed-back position does not set it. PX4 keeps its absolute flag set
-in dead reckoning by airspeed. PX4's predicted flag needs GNSS or an auxiliary position and is cleared after 7 s."""
+in dead reckoning by airspeed. So PX4's predicted flag is used: it needs GNSS or an auxiliary position and is cleared
+after 7 s."""
 REPORTS = {
     "ardupilot": dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
     "px4": dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
@@ -35,14 +37,15 @@ REPORTS = {
 LOST_FOR = 2.0
 """Time, s, for which the autopilot must lack a position before the first one is handed back."""
 ANSWER_PATIENCE, MOST_SILENT = 2.0, 3
-"""Time, s, to wait for an answer, and again before the next position because the answer may be late. Number of
-consecutive unanswered positions after which the hand-back stops."""
+"""Time, s, to wait for an answer. If none comes, the next position is sent after the same time again: the answer may be
+late. Number of consecutive unanswered positions after which the hand-back stops."""
 AFTER_FAILED = 10.0
-"""Time, s, until the next position after the answer FAILED: the autopilot has a position after all, or has none that it
-could reset."""
+"""Time, s, until the next position after the answer FAILED or TEMPORARILY_REJECTED. FAILED: the autopilot has a
+position after all, or has none that it could reset."""
 LOOK_AFTER, EFFECT, MOST_WITHOUT = 0.5, 30.0, 3
-"""Effect of a position on the autopilot: time of the check after acceptance, s; distance between sent and reported
-position, m, from which it had no effect; consecutive positions without effect after which the hand-back stops."""
+"""Effect of a position on the autopilot: time of the check after acceptance, s; distance from our estimate to the
+reported position, m, above which the sent position had no effect; number of consecutive positions without effect after
+which the hand-back stops."""
 LEAST_SIGMA, MOST_SIGMA = 1.0, 300.0
 """Smallest standard deviation that is sent, m: with a smaller one, PX4 makes a hard reset. Largest standard deviation
 with which a position is still sent, m: without hand-back, the autopilot's own position was several km off."""
@@ -52,7 +55,7 @@ PLACE_SIGMA = 15.0
 """Largest standard deviation of the target's place, m, with which the vehicle's position is computed from this place
 and the ranges. With a larger one, dead reckoning continues. Chosen."""
 COMPASS_SIGMA = 0.03
-"""Standard deviation of the estimated compass bias, rad. Before the bias is estimated, it is three times larger."""
+"""Standard deviation of the estimated compass bias, rad. It is three times larger before the bias is estimated."""
 WIND_SIGMA, STRAYS = 0.3, 0.6
 """Velocity errors of dead reckoning, m/s: the error of the wind alone, and the error of wind, gusts and airspeed."""
 WIND_MEMORY, SCALE_MEMORY = 40.0, 300.0
@@ -81,8 +84,8 @@ class HandBackSettings:
 
 @dataclass(frozen=True, slots=True)
 class SentPosition:
-    """Position sent to the autopilot. by: "ranges" or "dead reckoning". answer: autopilot's answer. off: distance to
-    the position that the vehicle reported afterwards, m."""
+    """Position sent to the autopilot. by: "ranges" or "dead reckoning". answer: autopilot's answer. off: distance, m,
+    from our estimate to the position that the vehicle reported after acceptance."""
 
     time: float
     latitude: float
@@ -203,7 +206,7 @@ class DeadReckoning:
     def step(self, now: float, own: OwnMotion | None, target: Place | None, estimate: RangeEstimate | None) -> None:
         """Use the range filter's position if it is trusted, else dead reckoning.
 
-        now: s. own: None if stale. estimate: range filter, None without fresh ranges.
+        now: s. own: None if stale. estimate: of the range filter, None without fresh ranges.
         """
         if now - self._stepped_at < RECKON_EVERY:
             return
@@ -260,7 +263,7 @@ def _from(target: Place, here: PositionEstimate) -> complex:
 
 
 def _at_distance(r: float, target: Place, here: PositionEstimate) -> PositionEstimate:
-    """Return the position, moved along its line of sight to the measured distance r (m) if r is plausible."""
+    """Return the position, moved along the line to the target to the measured distance r (m) if r is plausible."""
     way = _from(target, here)
     if not 0 < abs(r - abs(way)) < AGREE * here.sigma or abs(way) < 1.0:
         return here
@@ -310,7 +313,8 @@ class HandBack:
     def step(
         self, now: float, *, good: bool | None, where: PositionEstimate | None, plane: Plane, target: tuple[int, int]
     ) -> Message | None:
-        """Return the command to send now. good: True if the autopilot has a position, None if unknown."""
+        """Return the command to send now. good: True if the autopilot has a position, None if unknown. target: the
+        autopilot's system and component id."""
         # An unknown status counts as a valid position: never send a position to an autopilot that may
         # still have its own.
         if good is None or good:
@@ -358,7 +362,7 @@ class HandBack:
                 self._end(f"the autopilot answered: {answer}")
 
     def reported(self, east: float, north: float, here: PositionEstimate | None, now: float) -> None:
-        """Process a position reported by the vehicle (m). After an acceptance it must be near the sent position."""
+        """Process a position reported by the vehicle (m). After an acceptance it must be near our estimate `here`."""
         if self._look_at is None or here is None or now < self._look_at:
             return
         self._look_at = None

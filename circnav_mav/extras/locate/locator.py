@@ -71,14 +71,14 @@ one more second of data adds little to a long track."""
 HEIGHT_SIGMA = 5.0
 """Standard deviation, m, of a height given by the mission: drift of the barometer and error of the operator's value."""
 HOME_SIGMA = 50.0
-"""Standard deviation, m, of the target height (taken as home) if the mission gives none."""
+"""Standard deviation, m, of the target's altitude if the mission gives no height and the altitude of home is used."""
 RADIUS_OFF = 0.02
 """Difference between the radius by ranges and by positions that raises an alarm, as a share of the radius. The
 difference must also exceed the GPS error."""
 COMPARED_LAPS, MIN_COMPARED, SETTLED = 1.2, 20, 0.05
 """Comparison of the radius by ranges with the radius by positions. Number of newest laps used. Smallest number of
-positions and of ranges in these laps. Deviation from the range on the circle, as a share of the radius, that 90 % of
-the ranges must keep: during the approach the mean distance is not a radius."""
+positions and of ranges in these laps. Largest deviation of 90 % of the ranges from the range on the circle, as a share
+of the radius: during the approach the mean distance is not a radius."""
 FRESH_RANGE = 2.0
 """Largest age, s, of the newest range for which the range filter is used in the hand-back."""
 
@@ -112,7 +112,7 @@ class Locator:
         self.handback = HandBack(settings.handback) if settings.handback else None
         self._health, self._reckoning = Health(), DeadReckoning()
         self.only_hand_back = False
-        """True if the survey has failed. Positions are then handed back from the last target place."""
+        """True if the survey has failed. The hand-back then continues with the last place of the target."""
         self.problem: str | None = None
         """Human-readable failure, or None."""
         self._track: deque[tuple[float, float, float, float]] = deque()
@@ -134,7 +134,7 @@ class Locator:
         self._now = 0.0
         self.cot_due = False
         self.radius_alarm = ""
-        """Error of the radio on the circle, with the true radius. Empty if no error was found."""
+        """Human-readable error of the ranges on the circle, and the true radius. Empty if no error was found."""
 
     # --- in ---------------------------------------------------------------------------------------------------------
 
@@ -190,7 +190,7 @@ class Locator:
             self.handback.reported(east, north, self._reckoning.where, now)
         if not fix or self.only_hand_back:
             return  # without a GPS fix the position is the autopilot's own dead reckoning
-        # Use the vehicle's timestamp. A delay on the link times the speed is an error of meters.
+        # Use the vehicle's timestamp: with the arrival time, a delay of the link is a position error of meters.
         stamp = self._clock.unwrapped(message.time_boot_ms / 1000)
         order = self._clock.order(stamp, now, most_ahead=MOST_AHEAD)
         if order in (Order.OLDER, Order.JUMPED):
@@ -215,11 +215,11 @@ class Locator:
             self._ranges = deque(islice(self._ranges, 0, None, 2))
 
     def _look(self, east: float, north: float, up: float, time: float, now: float) -> None:
-        """Compare a reported position with the newest range, if it is below 1 s old, and with the bearing at `time`.
+        """Compare a reported position with the newest range and bearing, if the range is less than 1 s old.
 
         Pass the result to the GPS watch. If the watch finds the beacon faulty, discard the place.
 
-        east, north, up: m. time, now: s.
+        east, north, up: m. time: of the position, s. now: s.
         """
         place, own, tracker = self.place, self._own(now), self._pilot.tracker
         range_off = bearing_off = None
@@ -386,7 +386,7 @@ class Locator:
         return [] if ended else [once(request, session.peer.ids) for request in self._streams.give_back()]
 
     def _aim(self, place: Place | None) -> None:
-        """Point the camera at the place again if the place has moved. None: release the camera."""
+        """Point the camera at the place, and again after the place has moved. place: None releases the camera."""
         before = self._aimed_at
         if place is None:
             if self._aimed:
@@ -419,7 +419,7 @@ class Locator:
         return own if own is not None and now - own.time <= ATTITUDE_MAX_AGE else None
 
     def _say(self, place: Place | None, now: float) -> None:
-        """Queue STATUSTEXT messages: the place when first found and when moved; the begin and end of alarms."""
+        """Queue STATUSTEXT messages: the place when found or moved, and the start and end of a GPS watch alarm."""
         fault = self.watch.fault
         if fault is not self._fault:
             self._fault = fault

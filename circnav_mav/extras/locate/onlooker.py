@@ -30,8 +30,8 @@ class LocateOnlooker(Onlooker):
     name = "survey"
 
     def __init__(self, locator: Locator, name: str, cot: tuple[str, int] | None = None, *, waits: bool) -> None:
-        """name: of the target in Cursor on Target. cot: address of its receiver; numeric, because a name would be
-        resolved in the loop. waits: True to wait for every estimate, so that simulated flights are reproducible."""
+        """name: of the target in Cursor on Target. cot: address of the receiver; numeric, because a name would
+        be resolved in the loop. waits: True to wait for every estimate, so that simulated flights are reproducible."""
         self.locator, self._target, self._cot, self._waits = locator, name, cot, waits
         self._epoch_us = 0
         self._pool = start_solver()  # start it before the flight

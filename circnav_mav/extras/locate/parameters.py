@@ -9,7 +9,7 @@ from circnav_mav.extras.locate.place import Place
 
 
 def px4(places: Mapping[str, Place]) -> Iterator[str]:
-    """Yield PX4 console commands that set the places of beacons whose RANGING_BEACON messages have none."""
+    """Yield PX4 console commands that set the places of beacons whose RANGING_BEACON messages have no place."""
     yield "# PX4: RNGBC1_* add the place to RANGING_BEACON messages of this beacon: pull request 28323 of 2026-08,"
     yield "# not in a release then. It names only RNGBC1_ID: compare the other names with param show RNGBC*"
     for number, (tag, place) in enumerate(places.items(), 1):

@@ -1,4 +1,4 @@
-"""Lines of the survey in a flight's verdict, and its section in the report."""
+"""The survey's lines in the verdict of a flight, and the survey's section in the report."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ SHOWN = ("latitude_deg", "longitude_deg", "altitude_m", "sigma_m", "time_s", "mo
 
 
 def verdict_lines(found: dict[str, Any]) -> list[str]:
-    """Describe the place of the target, the alarms of the GPS watch and the hand-back, as lines of the verdict."""
+    """Return the verdict lines: target place, alarms, hand-back. found: the survey's fields of summary.json."""
     lines, place, back = [], found["place"], found["handback"]
     if place:
         height, moves = place["altitude_m"], ""

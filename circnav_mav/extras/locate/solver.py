@@ -1,4 +1,4 @@
-"""Process of the survey's estimator. It imports little, so that it starts quickly."""
+"""Process of the survey's estimator. This module imports little, so that the process starts quickly."""
 
 import multiprocessing
 import os

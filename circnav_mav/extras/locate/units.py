@@ -19,7 +19,7 @@ perfect circle."""
 BETTER = 0.5
 """Largest noise in another unit, as a share of the noise in meters, with which the other unit is reported."""
 ALIKE = 1.25
-"""Ratio to the smallest noise up to which units fit equally well."""
+"""Largest ratio of a unit's noise to the smallest noise of all units, for units that fit equally well."""
 SLACK = 10.0
 """Allowed contradiction between ranges and positions, m."""
 

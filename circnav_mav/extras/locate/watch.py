@@ -2,9 +2,9 @@
 
 Three comparisons:
 
-- measured range with the distance from the reported position to the estimated place
-- ground velocity by reported positions with airspeed, heading and the wind estimated before
-- bearing of the target by position with the bearing by ranges and compass
+- measured range against the distance from the reported position to the estimated place
+- ground velocity by reported positions against airspeed, heading and the wind estimated before
+- bearing of the target by position against the bearing by ranges and compass
 
 The combination of failing comparisons identifies the source.
 """
@@ -19,7 +19,8 @@ SPAN = 3.0
 FACTOR = 5.0
 """Difference, in standard deviations, from which two sources disagree: the gate of the estimators."""
 RANGE_FLOOR, SPEED_FLOOR, BEARING_FLOOR = 6.0, 4.0, 0.2
-"""Smallest differences, m, m/s and rad, that can raise an alarm: GPS multipath, gusts, and compass error in a turn."""
+"""Smallest differences, m, m/s and rad, that can raise an alarm. GPS multipath, gusts, and compass errors in
+turns cause smaller ones."""
 PATIENCE = 2.0
 """Time, s, for which a comparison must fail before an alarm."""
 WIND_MEMORY = 20.0
@@ -42,8 +43,8 @@ class FaultSource(Enum):
 @dataclass(frozen=True, slots=True)
 class Observation:
     """Values compared at one time (s). east, north: position, m. air: velocity through the air, m/s, east + j north,
-    None if unknown. range_off: measured minus predicted range and its standard deviation, m. bearing_off: bearing of
-    the target by compass minus by position and its standard deviation, rad. Both are None if not available."""
+    None if unknown. range_off: measured minus predicted range, and standard deviation, m. bearing_off: bearing of
+    the target by compass minus bearing by position, and standard deviation, rad. Each is None if not available."""
 
     time: float
     east: float

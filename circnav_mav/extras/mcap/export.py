@@ -1,8 +1,8 @@
 """Export of a run as one MCAP file for Foxglove and PlotJuggler.
 
-It contains ticks and truth as JSON, and Foxglove's own messages (poses, scene, log and fixes for its 3D, log and map
-panels). It needs the extra [mcap]. Times are wall-clock times of the flight. Unknown values are left out of messages.
-Frame "beacon": x east, y north, z up, m; its origin is the beacon and moves with it.
+The file contains ticks and truth as JSON, and Foxglove's own messages (poses, scene, log and fixes for the 3D, log and
+map panels). The export needs the extra [mcap]. Times are wall-clock times of the flight. Unknown values are left out of
+messages. Frame "beacon": x east, y north, z up, m; its origin is the beacon and moves with it.
 """
 
 import json
@@ -146,7 +146,7 @@ def _poses(topic: str, times: Column, places: Column, headings: Column) -> Itera
 
 
 def _transforms(run: Run) -> Iterator[Entry]:
-    """Yield the beacon's place: the origin of the map, or its true place once per piece."""
+    """Yield the beacon's place on the map: its true place once per piece, or the origin if no truth is recorded."""
     truth = run.truth
     rows = [(float(run.ticks.time[0]), [0.0, 0.0, 0.0])]
     if truth is not None:

@@ -24,13 +24,13 @@ from circnav_mav.report.plots import STYLE, save
 V, TARGET, R_D = 1.0, (0.0, -10.0), 10.0
 """Speed, place of the target and radius of the paper's examples (its units)."""
 TOLERANCE = 0.05
-"""Settled: within this fraction of r_d round the predicted radius."""
+"""Largest distance of a settled flight from the predicted radius, as a fraction of r_d."""
 SECONDS = 200.0
-"""Time of a flight: longer than all in the paper need to settle."""
+"""Duration of a flight, s: longer than any flight in the paper needs to settle."""
 MIRRORED = 40
-"""Flights that are flown again in the mirror, to show that both senses are one law."""
+"""Number of starts that are also flown mirrored, to show that one law flies both senses of rotation."""
 SLACK = 1e-3
-"""Depth inside the circle that does not count as entering, over r_d. The switching law chatters by V step."""
+"""Depth inside the circle, as a fraction of r_d, that is not counted as entry. The switching law chatters by V STEP."""
 STEP = 0.02
 """Step of the simulation, s, in which the turn rate is held: a 500th of r_d/V."""
 
@@ -50,7 +50,7 @@ class Starts:
 
 @dataclass(frozen=True, slots=True)
 class Tracks:
-    """Recorded flights. time (steps,); x, y, r, theta_b (steps, starts); theta_b in [0, 2 pi)."""
+    """Recorded flights. time (steps,); x, y, r, theta_b (steps, starts); theta_b (see `polar`) in [0, 2 pi)."""
 
     time: Batch
     x: Batch
@@ -95,9 +95,9 @@ def arc(x: Batch, y: Batch, heading: Batch, V: float, omega: Batch, step: float)
 
 
 def lyapunov(r: Batch, theta_b: Batch, *, r_d: float, r_a: float, k: float) -> Batch:
-    """Return the paper's Lyapunov function of law 1, for r >= r_d, with the integral in closed form.
+    """Return the paper's Lyapunov function of its law 1 (`smooth`), for r >= r_d, with the integral in closed form.
 
-    It is 1 - sin(theta_b) + integral from r_a to r of (-1/z + 2 k z cos asin(r_d/z)) dz.
+    It is 1 - sin(theta_b) + integral from r_a to r of (-1/z + 2 k z cos asin(r_d/z)) dz. r_a: radius that is reached.
     """
 
     def integral(z: Batch) -> Batch:
@@ -138,7 +138,8 @@ class Findings:
     """Results of an example.
 
     settling: time to the band round the predicted radius for each start, s (inf: never). rise: largest rise of the
-    Lyapunov function in a step; None if the paper gives no function. mirror: largest distance of a mirrored track, m.
+    Lyapunov function in a step; None if the paper gives no function. mirror: largest distance between
+    the track of a mirrored start and the mirror image of the original track, m.
     """
 
     example: Example
@@ -175,7 +176,7 @@ def study(example: Example, starts: Starts, seconds: float = SECONDS) -> tuple[F
 
 
 def turning(tracks: Tracks) -> Batch:
-    """Return the angle swept round the target over the last tenth, counter-clockwise positive."""
+    """Return the angle swept round the target over the last tenth of the flight, rad, counter-clockwise positive."""
     tail = slice(-len(tracks.time) // 10, None)
     return np.asarray(metrics.swept(np.arctan2(tracks.y[tail] - TARGET[1], tracks.x[tail] - TARGET[0])))
 
@@ -187,7 +188,7 @@ def entries(r: Batch, r_d: float) -> Batch:
 
 
 def lyapunov_rise(example: Example, tracks: Tracks) -> float | None:
-    """Return the largest rise of the function between two steps with r >= r_d and theta_b in [0, pi].
+    """Return the largest rise of the Lyapunov function between two steps with r >= r_d and theta_b in [0, pi].
 
     None if the paper gives no function.
     """

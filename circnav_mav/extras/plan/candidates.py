@@ -105,7 +105,7 @@ def candidate(mission: Mission, site: Site) -> Candidate:
     most = None if still else max(allowed if kept is None else kept, 0.0)
     wind = 0.0 if still else site.strongest
     banked = mission.file.vehicle.kind != "rover"
-    # A vehicle that slips in turns needs more bank than a coordinated turn.
+    # A vehicle that slips in turns needs more bank than in a coordinated turn.
     bank = degrees(atan(orbit.speed**2 / (orbit.radius * GRAVITY * gain))) if banked else None
     failing = [line.subject for line in check_mission(mission) if line.grade is not PASS and line.subject in JUDGED]
     if most is not None and most < wind:
@@ -140,7 +140,7 @@ def survey_sigma(mission: Mission, seconds: float) -> float | None:
 
 
 def recommended(found: Sequence[Candidate]) -> tuple[Candidate, str]:
-    """Return the recommended circle and the reason: the shortest lap that passes all checks."""
+    """Return the recommended circle and the reason: the shortest lap that passes all checks, else fewest problems."""
     sound = [one for one in found if one.sound]
     if sound:
         best = min(sound, key=lambda one: one.lap)

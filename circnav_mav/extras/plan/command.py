@@ -74,7 +74,7 @@ def _changes(height: float | None, sigma: float | None, rate: float | None) -> I
 
 
 def at_speed(path: str, speed: float) -> Iterator[str]:
-    """Yield a speed as overrides of the mission, with a turn rate that the vehicle's acceleration limit allows."""
+    """Yield overrides of the mission: the speed, and a lower turn rate if the acceleration limit requires it."""
     flown = f"vehicle.speed_mps={speed!r}"
     yield flown
     mission = read_mission(path, (flown,))
@@ -141,7 +141,7 @@ def _row(one: Candidate, best: Candidate) -> str:
 
 
 def _write(path: str, changes: list[str], start: Mission, site: Site, target: str) -> None:
-    """Write a mission with the recommended circle: the commented file of `circnav init`, or the given file."""
+    """Write a mission with the recommended circle, based on the file of `circnav init` or on the given file."""
     if start.flies_sim and start.file.sim is not None:
         ranging = start.file.ranging
         changes += [

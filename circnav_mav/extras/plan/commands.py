@@ -1,4 +1,4 @@
-"""Options and help of `circnav plan`. `command` implements it."""
+"""Options and help of `circnav plan`. The module `command` runs it."""
 
 import click
 

@@ -2,8 +2,9 @@
 
     e' = u + g,   u' = h (c - u),   c = -(b e_hat + g_hat),   z = e + white noise
 
-e: radius error, m. u: radial speed that the heading makes, m/s. g: radial gust, first order with the emulator's
-correlation time (the first-order form of the Dryden model). b, h: gains of the drift law (`vector_field.drift_gains`).
+e: radius error, m. z: measurement of e. u: radial speed caused by the heading, m/s. c: commanded u. g: radial gust,
+m/s, first order with the emulator's correlation time (the first-order form of the Dryden model). b: gain
+`radial` of the drift law (`vector_field.drift_gains`) times the speed, 1/s. h: its gain `heading`, 1/s.
 e_hat, g_hat: steady-state Kalman filter of (e, g) with the range noise. The RMS follows from the Lyapunov equation of
 the closed loop (linear-quadratic-Gaussian control; Anderson and Moore, "Optimal Control", 1990).
 
@@ -24,14 +25,15 @@ from circnav_mav.mission.mission import Mission
 GUST_TIME = 3.0
 """Correlation time of gusts, s: default of the emulator."""
 NOISE = 0.147
-"""Bandwidth of the radius error in calm air, 1/s: its variance over the power density of the range noise."""
+"""Bandwidth of the radius error in calm air, 1/s: variance of this error over power density of the range noise."""
 STEADY, STEADY_BANKED = 0.0055, 0.0091
-"""Remaining error as a share of the speed, s: of heading and airspeed. BANKED: of planes, with their side-slip."""
+"""Steady radius error divided by the speed, s, due to errors of heading and airspeed. BANKED: for planes, which also
+side-slip."""
 LEAST_GUST = 1e-4
-"""Gust, m/s, below which the linear model is singular and its result nothing."""
+"""Gust, m/s, below which the gust is ignored, because the linear model is singular without gusts."""
 ACTS, ACTS_ON_HELD = 0.46, 0.049
-"""Share of a gust that acts on the radius. Accelerometers measure its onset. ON_HELD: of vehicles whose autopilot holds
-the speed over the ground."""
+"""Share of a gust that acts on the radius: below 1, because accelerometers measure the onset of a gust. ON_HELD: for
+vehicles whose autopilot holds the speed over the ground."""
 
 
 def radius_rms(mission: Mission, gust: float) -> float:
@@ -49,7 +51,7 @@ def radius_rms(mission: Mission, gust: float) -> float:
 
 
 def linear_rms(noise: float, gust: float, radial: float, heading: float) -> float:
-    """Return the RMS of e in the linear model, m. noise: power density of the ranges, m^2 s. gust: m/s. radial,
+    """Return the RMS of e in the linear model, m. noise: power density of range noise, m^2 s. gust: m/s. radial,
     heading: loop gains b and h, 1/s."""
     drift_psd = 2 * gust**2 / GUST_TIME
     model = np.array([[0.0, 1.0], [0.0, -1 / GUST_TIME]])

@@ -26,7 +26,7 @@ OUTLIER = 5.0
 
 
 def watch_radio(endpoint: str, seconds: float | None) -> int:
-    """Print a line per second for each beacon until the time is over or a signal arrives. Raises Refused."""
+    """Print a line per second for each beacon until the time is over or a Unix signal arrives. Raises Refused."""
     with refusing(endpoint, LinkError):
         link = open_radio(endpoint)
     with closing(link):

@@ -1,4 +1,4 @@
-"""Options and help of `circnav ranging`. `command` implements it."""
+"""Options and help of `circnav ranging`. The module `command` runs it."""
 
 import click
 

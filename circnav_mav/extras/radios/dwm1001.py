@@ -40,7 +40,7 @@ class Dwm1001(LineDriver):
         return [RadioReading(float(metres), beacon=int(ident, 16)) for ident, metres in found]
 
     def ask(self, now: float) -> bytes:
-        """Return two Enter characters, which open the shell, and at the next call the command."""
+        """Return the bytes that start a silent radio: first two Enter characters, which open the shell, later `lec`."""
         if self._started or now < self._next:
             return b""
         first, self._next = self._next == float("-inf"), now + PATIENCE

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from circnav_mav.mav.ranging.driver import Driver, RadioReading
 
 LONGEST_LINE = 1024
-"""Longest line, bytes. Longer input is not text of this driver."""
+"""Longest line, bytes. Longer input is not text of the radio."""
 PAUSE = 1.0
 """Pause within a line, s, after which its end counts as lost, for example by an unplugged cable."""
 _LINE_END = re.compile(rb"[\r\n]+")

@@ -1,6 +1,6 @@
 """Server of the live page, started by the flight: `python -m circnav_mav.extras.web FD AWAY`. FD is a listening socket,
-and stdin carries the feed. The server prints "ready". After the flight it closes stdout, and serves the page and the
-report as long as a browser shows them: until none has for AWAY seconds, or the next flight needs the port."""
+and stdin carries the feed. The server prints "ready". After the flight it closes stdout. It then serves the page and
+the report until no browser has shown them for AWAY seconds, LONGEST_STAY is over, or the next flight needs the port."""
 
 import asyncio
 import json
@@ -126,8 +126,8 @@ def _event(kind: str, data: str) -> str:
 
 
 def application(history: History) -> Starlette:
-    """Return the web application: the page, its event stream and the report, all read-only. Other host names are
-    rejected, so that no other page in the browser can read it."""
+    """Return the web application: the page, its event stream and the report, all read-only. Requests for a
+    host name other than 127.0.0.1 or localhost are rejected, so that no other page in the browser can read it."""
 
     async def page(request: Request) -> Response:
         return HTMLResponse(PAGE, headers=HEADERS)
@@ -185,7 +185,7 @@ class Connection(H11Protocol):
         super().connection_made(transport)
         self._open[self] = None
         if len(self._open) > MOST_CONNECTIONS:
-            # In a burst of requests none may be idle: close the oldest. The new one is kept: it may be the browser's.
+            # In a burst of requests all may be busy: then close the oldest. Keep the new one: it may be the browser's.
             others = list(self._open)[:-1]
             oldest = next((one for one in others if one.idle), others[0])
             del self._open[oldest]
@@ -212,7 +212,7 @@ async def serve(listener: socket.socket, away: float) -> None:
         history.take(line)
     history.over = True
     await asyncio.sleep(GRACE)
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # the flight does not wait any longer
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # closes stdout: the flight stops waiting
     await stay(history, listener.getsockname()[1], away)
     history.closed = server.should_exit = True
     await serving
@@ -220,7 +220,7 @@ async def serve(listener: socket.socket, away: float) -> None:
 
 async def stay(history: History, port: int, away: float) -> None:
     """Wait until no browser has shown the page for `away` seconds, LONGEST_STAY is over, or the next flight needs the
-    port. Its process connects to the socket `release_name`, and waits until this process has ended."""
+    port. That flight's process connects to the socket `release_name`, and waits until this process has ended."""
     wanted, begun = asyncio.Event(), monotonic()
     connections: list[asyncio.StreamWriter] = []
 

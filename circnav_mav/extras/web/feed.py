@@ -45,11 +45,11 @@ MOST_VEHICLES = 20
 """Maximum number of other vehicles on the page: a line of the feed must fit into PIPE_BUF bytes."""
 NEEDED = ("starlette", "uvicorn")
 PAGE_SPEED = 6.0
-"""Default speed of the bundled vehicle with the live page, times real time."""
+"""Default simulation speed of the bundled vehicle with the live page, times real time."""
 
 
 class WebError(Exception):
-    """One-line message: a live page that cannot be served."""
+    """The live page cannot be served. The error message is one line."""
 
 
 class LivePage(Onlooker):
@@ -109,7 +109,7 @@ class LivePage(Onlooker):
             self._queue_event({"kind": "end", "verdict": verdict, "report": str(folder.absolute() / "report.html")})
 
     def close(self) -> None:
-        """End the feed. A server that a browser still uses stays by itself, and has closed its stdout."""
+        """End the feed. A server that closes its stdout may keep running for a browser; one that does not is killed."""
         process = self._process
         assert process.stdin is not None
         assert process.stdout is not None

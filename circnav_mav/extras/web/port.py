@@ -6,8 +6,8 @@ import sys
 
 
 def release_name(port: int) -> str | None:
-    """Return the address of the local socket by which a finished page is asked to release its port. None where the
-    system has no abstract addresses, which need no file."""
+    """Return the address of the local socket by which a finished page is asked to release its port. None on systems
+    other than Linux: they have no abstract addresses, which need no file."""
     return f"\0circnav-live-page-{os.getuid()}-{port}" if sys.platform == "linux" else None
 
 

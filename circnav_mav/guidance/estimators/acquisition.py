@@ -123,8 +123,8 @@ class Acquisition:
     def go_on(self, due: Batch, sigma: Batch) -> tuple[Batch, Batch, Batch] | None:
         """Improve the hypotheses of the flights that are due, and end the searches that have a unique solution.
 
-        Return the numbers of these flights (n,), their solutions x (5, n) of p, d, kappa and covariances (5, 5, n), or
-        None.
+        Return the numbers (n,) of the flights whose search ended, their solutions x (5, n) of p, d, kappa, and the
+        covariances (5, 5, n); None if no search ended.
         """
         self._carry()
         of = np.flatnonzero(due[self.at])

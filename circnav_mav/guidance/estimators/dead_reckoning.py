@@ -39,7 +39,7 @@ class PathPoint(NamedTuple):
     report: OwnMotion | None = None
 
     def carried(self, motion: OwnMotion, airspeed: float, turned: float, step: float) -> "PathPoint":
-        """Return the point of a motion `step` seconds later, after an arc that turns by `turned` (rad)."""
+        """Return the point with this motion, `step` seconds later, after an arc that turns by `turned` (rad)."""
         heading = self.motion.heading
         x, y = chord_parts(airspeed, heading, turned, step)
         nose_x, nose_y = _along(heading + turned / 2, step)  # midpoint rule

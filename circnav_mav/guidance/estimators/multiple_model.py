@@ -52,8 +52,8 @@ MODELS = (
 acceleration_weight, white, drifting, as in `Noise`. A drifting range error can be observed only while the drift is
 steady or changes slowly."""
 LEAST_SIGMA, MOST_SIGMA = 1e-3, 1e3
-"""Bounds of the standard deviation of a range, m. No range is more precise than the motion between samples, and less
-precise ones carry no information. Variances of more different magnitude cancel numerically in a covariance."""
+"""Bounds of the standard deviation of a range, m. A lower value would be below the error of the motion between
+samples; a range with a higher one carries no information. Beyond these bounds, rounding errors spoil a covariance."""
 FORGOTTEN, REVIVED = -12.0, -6.0
 """Log weight below which a model restarts from the mixture, and its log weight afterwards."""
 

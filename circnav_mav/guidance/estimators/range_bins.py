@@ -69,7 +69,7 @@ class RangeWindow:
         """Return the bins of the flights with the indices `at`, oldest first. sigma: range noise of all flights, m."""
         closed = self._closed[at]
         used = min(closed.max(initial=0), COUNT)
-        order = (closed - used + np.arange(used)[:, None]) % COUNT  # includes empty bins of flights with fewer
+        order = (closed - used + np.arange(used)[:, None]) % COUNT  # includes empty bins for flights with fewer bins
         t, x, y, z, n = self._bins[:, order, at]
         age = self.now[at] - t
         white = self.white(sigma)[at]

@@ -10,7 +10,8 @@ flights:
     b           slowly drifting error of the range (m)
     f, l        error of the measured acceleration, forward and to the left (m/s^2)
 
-Frame: the paper's, rotated by the constant error of the compass.
+Frame: the paper's, rotated by the constant error of the compass. V: measured airspeed. u(psi): unit vector of the
+heading psi.
 
     p' = v = kappa V u(psi) + d + g + e,   d' = white noise,   g' = -g/tau_g + white noise,   b' likewise,
     z = r + b + white noise,   measured acceleration = v' + (f, l) turned by psi + white noise
@@ -19,9 +20,10 @@ The acceleration measures changes of d + g + e independently of the heading. It 
 or lags, earlier than the range does. Without it, e is 0.
 
 The state is polar because the measurement is then linear. A Cartesian filter linearizes each range along a new bearing,
-which gives it false information on the bearing (its NEES reaches hundreds in gusts; here it stays near 2). The motion
-is exact (its input is the chord of the air path) and linearized about the mean. Source: extended Kalman filter in polar
-coordinates, as Aidala and Hammel, "Utilization of modified polar coordinates for bearings-only tracking" (1983).
+which gives it false information on the bearing. In gusts its NEES (normalized estimation error squared) reaches
+hundreds; here it stays near 2. The motion is exact (its input is the chord of the air path) and linearized about the
+mean. Source: extended Kalman filter in polar coordinates, as Aidala and Hammel, "Utilization of modified polar
+coordinates for bearings-only tracking" (1983).
 """
 
 from typing import Any, NamedTuple
@@ -39,15 +41,16 @@ AXES[0, [DX, GX, EX]] = AXES[1, [DY, GY, EY]] = 1.0
 BIAS_TIME = 2.0
 """Correlation time of the drifting range error, s: UWB and LoRa radios show 1 to 3 s."""
 GUST_TIME = 10.0
-"""Correlation time of gusts, s: their length scale near the ground, 150 to 200 m, over the speed of a small UAV."""
+"""Correlation time of gusts, s: their length scale near the ground, 150 to 200 m, divided by a small UAV's speed."""
 KAPPA_RANGE = (0.85, 1.15)
-"""Bounds of kappa: the largest errors of airspeed sensors. Without them a filter can lock on to a wrong mode."""
+"""Bounds of kappa: the largest errors of airspeed sensors. An unbounded filter can lock on to a wrong mode."""
 CLOSEST = 1.0
 """Smallest range of the state, m: the bearing is singular at the target."""
 POSITION_PSD, KAPPA_PSD = 1e-4, 1e-7
 """Process noise of the position (m^2/s) and of kappa (1/s), for effects that are not modeled."""
 ACCELERATION_PSD = 1e-2
-"""White noise of the measured acceleration, m^2/s^3: 0.3 m/s^2 for 0.1 s, from vibration and delayed attitudes."""
+"""White noise of the measured acceleration, m^2/s^3: 0.3 m/s^2 in a mean over 0.1 s, from vibration and
+delayed attitudes."""
 ACCELERATION_BIAS, ACCELERATION_BIAS_PSD = 0.2, 1e-5
 """Error of the measured acceleration: initial standard deviation, m/s^2 (1 deg of attitude causes 0.17 m/s^2), and its
 process noise, m^2/s^5."""
@@ -65,9 +68,9 @@ WEIGHT_MEMORY = 20.0
 class Noise(NamedTuple):
     """Noise model of each of M hypotheses, arrays of shape (M, 1).
 
-    drift_psd: of d', m^2/s^3. gust: standard deviation of each component of g, m/s. white, drifting: the two parts of
-    the range error, in units of the sample's sigma. nose: standard deviation of each component of e, m/s.
-    acceleration_weight: 1 if the model uses the measured acceleration, else 0.
+    drift_psd: spectral density of d', m^2/s^3. gust: standard deviation of each component of g, m/s. white, drifting:
+    the two parts of the range error, in units of the sample's sigma. nose: standard deviation of each component of e,
+    m/s. acceleration_weight: 1 if the model uses the measured acceleration, else 0.
     """
 
     drift_psd: Array
@@ -183,7 +186,7 @@ def predict(
 def _acceleration_rows(felt: VelocityChange, keep: Batch) -> Array:
     """Return the Jacobian of the measured change of velocity by the states before the step, (2, 12, 1, B):
 
-    change = kappa air + (g + d) after - (g + d) before + (f, l) turned by the nose + white noise
+    change = kappa air + (d + g + e) after - (d + g + e) before + (f, l) turned by the nose + white noise
     """
     c, s = felt.nose
     rows = np.zeros((2, STATES, 1, c.size))
@@ -258,7 +261,7 @@ Updated = tuple[Hypotheses, Array, Array]
 
 
 def update(h: Hypotheses, noise: Noise, z: Batch, sigma: Batch, valid: Batch, gate: float) -> Updated:
-    """Add one range per flight, z and sigma (B,), m, where valid (B,). Each hypothesis rejects it outside its gate."""
+    """Add one range per flight, z and sigma (B,), m, where valid (B,). Each hypothesis has its own gate."""
     PH = h.P[:, R] + h.P[:, B]
     S = np.maximum(PH[R] + PH[B], 0.0) + (noise.white * sigma) ** 2
     return _fused(h, PH, z - h.x[R] - h.x[B], S, valid, gate, OUTLIER_SPREAD)

@@ -139,7 +139,7 @@ class DriftEstimator(Estimator):
     def _restart(self, now: float) -> None:
         """Restart the search. The kept drift is its prior: wind and target velocity have probably changed little."""
         known = None
-        # Widen the prior by the change of drift that the track has shown since. If the vehicle turned out not to follow
+        # Widen the prior to the change of drift estimated since it was stored. If the vehicle turned out not to follow
         # its commands, its own motion was wrong: ignore that change.
         if self._before is not None:
             time, known = self._before
@@ -179,7 +179,7 @@ class AutoEstimator(Estimator):
         return self.drift.nis if self.drift.ready else self.kalman.nis
 
     def restamp(self) -> None:
-        """Only `kalman` uses the sensor's clock. The target estimate is kept."""
+        """Restart `kalman`, which uses the sensor's clock. The target estimate is kept."""
         self.kalman.restamp()
 
     def move(self, motion: OwnMotion) -> None:

@@ -9,7 +9,7 @@ from circnav_mav.guidance.estimators.unicycle import UnicycleEstimator
 from circnav_mav.guidance.types import RangeEstimate, RangeSample, RateSample
 
 APART = 0.25
-"""Longest time, s, between the newest range and the newest rate that may steer."""
+"""Longest time, s, between the newest range and the newest rate with which both may steer."""
 
 
 class MeasuredRate(Estimator):

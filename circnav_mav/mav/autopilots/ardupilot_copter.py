@@ -58,10 +58,10 @@ class ArduCopter(Autopilot):
 
     SET_POSITION_TARGET_LOCAL_NED, frame BODY_NED (8): the velocity is rotated by the heading once, at receipt, so the
     message must be repeated. Mask 0x407: bits 0 to 2 ignore position (1). Bits 3 to 5 use velocity (0): masking any one
-    masks all three, so vz is sent as 0, which holds height. Bits 6 to 8 use acceleration (0): V w to the right. Without
-    it the course is 10 degrees behind the nose, and the copter turns 1 to 6 % too fast. Bit 9: not a force (0). Bit 10
-    ignores yaw (1). Bit 11 uses yaw rate (0). A mask that ArduCopter does not list stops the vehicle
-    (`mode_guided.init(true)`). Without setpoints for GUID_TIMEOUT (3 s) it brakes and hovers in GUIDED.
+    masks all three, so vz is sent as 0, which holds height. Bits 6 to 8 use acceleration (0): speed times yaw rate, to
+    the right. Without it the course is 10 degrees behind the nose, and the copter turns 1 to 6 % too fast. Bit 9: not
+    a force (0). Bit 10 ignores yaw (1). Bit 11 uses yaw rate (0). A mask that ArduCopter does not list stops the
+    vehicle (`mode_guided.init(true)`). Without setpoints for GUID_TIMEOUT (3 s) it brakes and hovers in GUIDED.
     """
 
     MASK = 0x407

@@ -28,7 +28,8 @@ class ArduPlane(Autopilot):
     and yaw. Bit 6 ignores throttle (TECS controls it). Bit 7 (attitude ignore) is SET: cleared, it would command pitch
     and rudder as well. Body rates are never used. The roll of a coordinated turn is atan(w V/g). The airframe achieves
     0.70 to 1.0 of that turn rate w, which the turn-rate gain compensates. After 3 s without setpoints (a constant in
-    4.6, GUID_TIMEOUT later) the plane loiters around the point where GUIDED was entered, and banks hard at once.
+    4.6, GUID_TIMEOUT in later versions) the plane banks hard at once and loiters around the point where GUIDED was
+    entered.
     """
 
     MASK = 0xC6

@@ -124,7 +124,8 @@ class Autopilot(ABC):
     """Standard deviation of the ground speed, as a share of the commanded speed. None if the vehicle drifts
     with the wind."""
     velocity_loop: ClassVar[VelocityLoop | None] = None
-    """Gains of the autopilot's velocity loop, for the lag of the velocity; None if the vehicle flies along its nose."""
+    """Gains of the autopilot's velocity loop, from which the lag of the velocity is computed; None if the vehicle flies
+    along its nose."""
     least_turn_gain: ClassVar[float] = 1.0
     """Smallest expected ratio of realized to commanded turn rate."""
     acceleration_limit: ClassVar[tuple[str, float] | None] = None
@@ -181,7 +182,7 @@ class Autopilot(ABC):
 
 
 def turn_in(message: Message) -> float | None:
-    """Return the turn command in a setpoint, or in the vehicle's report of its setpoint, or None.
+    """Return the turn command in a setpoint or in the vehicle's report of its setpoint; None for other messages.
 
     Right positive: yaw rate (rad/s), or bank (rad) for attitude setpoints.
     """
@@ -211,7 +212,8 @@ def body_velocity(
 ) -> Message:
     """Return a SET_POSITION_TARGET_LOCAL_NED in BODY_NED.
 
-    down: m/s. fed: feed-forward acceleration forward, right, down in the body frame, m/s^2. Ignored fields are 0.
+    down: descent rate, m/s. fed: feed-forward acceleration in the body frame (forward, right, down), m/s^2. Ignored
+    fields are 0.
     """
     where = our_boot_ms(now), to.target_system, to.target_component, dialect.MAV_FRAME_BODY_NED
     position, velocity = (0.0, 0.0, 0.0), (steer.speed, 0.0, down)

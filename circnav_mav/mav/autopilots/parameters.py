@@ -15,7 +15,7 @@ SPEED_NEAR, SPEED_FAR = 0.05, 0.2
 COMMON_WIND = 8.0
 """Common wind for copter flights, m/s. A lean limit too small for this wind gives a warning."""
 ROUNDING = 1e-6
-"""Rounding error of a vehicle's value in 32 bits against the mission's, fraction."""
+"""Largest difference between a vehicle's value in 32 bits and the same mission value, as a fraction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ def rule(name: str, judge: Judge, *, optional: bool = False, advised: Callable[[
 
 
 def always(value: float) -> Callable[[Context], float]:
-    """Return the advice that does not depend on the mission."""
+    """Return a function that advises this value for every mission."""
     return lambda context: value
 
 
@@ -91,7 +91,8 @@ def mission_bank(context: Context) -> float:
 
 
 def enough_speed(usual: float) -> Callable[[Context], float]:
-    """Return the advice for a speed limit, m/s: the firmware's default, or 1.2 times the mission's speed."""
+    """Return the advice for a speed limit, m/s: the larger of the firmware's default and 1.2 times the mission's
+    speed."""
     return lambda context: max(usual, 1.2 * context.speed)
 
 
@@ -171,7 +172,8 @@ def lean_limit(degrees_: float, context: Context) -> Verdict:
 
 
 def enough_lean(usual: float) -> Callable[[Context], float]:
-    """Return the advice for a lean limit, deg: the firmware's default, or the lean for COMMON_WIND on the circle."""
+    """Return the advice for a lean limit, deg: the larger of the firmware's default and the lean for COMMON_WIND on the
+    circle."""
 
     def advised(context: Context) -> float:
         push = COPTER_DRAG * (context.speed + COMMON_WIND)

@@ -63,7 +63,7 @@ class PX4Copter(PX4Vehicle):
     def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
         """Return the setpoint of forward speed, yaw rate and climb rate, with the feed-forward acceleration."""
         push, right = self.velocity_loop.fed(steer.speed, steer.yaw_rate, to.drag)
-        # PX4 rotates velocities by the yaw alone, accelerations by the whole attitude: at 26 deg this is a 10 % error
+        # PX4 rotates velocities by the yaw alone, accelerations by the whole attitude: 10 % error at 26 deg of tilt
         fed = body_from_level(push, right, to.motion.roll or 0.0, to.motion.pitch or 0.0)
         return body_velocity(self.MASK, to, now, steer, down=self._down(to), fed=fed)
 

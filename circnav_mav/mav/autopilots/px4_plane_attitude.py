@@ -14,7 +14,7 @@ THRUST_PER_SPEED, THRUST_PER_BANK = 0.08, 0.25
 """Thrust (0 to 1) per m/s of airspeed error, and per 1/cos(roll) - 1. Tuned on PX4's simulated plane at 10 m/s, like
 the next two gains."""
 PITCH_PER_HEIGHT, PITCH_PER_CLIMB = 0.02, 0.04
-"""Pitch, rad, per m of height error, and reduction per m/s of climb."""
+"""Pitch, rad, per m of height error, and its reduction per m/s of climb."""
 
 
 class PX4PlaneAttitude(PX4Vehicle):

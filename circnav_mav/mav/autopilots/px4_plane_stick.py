@@ -26,7 +26,7 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.setpoint_guard import Steer
 
 STICK_SCALE = 0.5
-"""Largest difference between the bank at full stick and FULL_STICK, deg."""
+"""Largest permitted difference between the bank at full stick and FULL_STICK, deg."""
 _STICK_LOSS: dict[float, str] = {1: "stays in Hold", 2: "flies home (RTL)", 3: "lands where it is"}
 _STOPS_MOTORS = {5: "terminates the flight", 6: "disarms"}
 _STOCK_STICK_LOSS = 2.0
@@ -81,7 +81,7 @@ class PX4PlaneStick(PX4Vehicle):
     MANUAL_CONTROL: y = 1000 roll/FW_R_LIM (right positive), x = 0 holds height, z = 500 is trim speed, r = 0 (PX4
     coordinates turns). Set COM_RC_IN_MODE so that PX4 accepts it. The pilot's own sticks then have no effect until the
     pilot takes over by changing the mode. After a silence of COM_RC_LOSS_T, in any mode not listed in COM_RCL_EXCEPT:
-    Hold, then NAV_RCL_ACT (RTL), without an automatic return.
+    Hold, then NAV_RCL_ACT (RTL). PX4 does not go back to ALTCTL by itself.
     """
 
     name = "px4 plane"

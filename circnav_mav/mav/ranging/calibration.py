@@ -1,7 +1,7 @@
 """Calibration of a ranging radio: conversion of the reported range to the true one.
 
-`circnav ranging calibrate` measures the error of a radio, and the mission file contains it. This module applies its
-inverse once to each reading, before any other use. The calibration never changes in flight.
+`circnav ranging calibrate` measures the error of a radio, and the mission file contains it. This module removes the
+error once from each reading, before any other use. The calibration never changes in flight.
 """
 
 from bisect import bisect_right
@@ -17,7 +17,7 @@ Point = tuple[float, float]
 class Calibration:
     """Measured error of a radio.
 
-    reported = `scale` * true + `bias` (m). If `points` are given, it lies on the straight lines through them instead.
+    reported = `scale` * true + `bias` (m). If `points` are given, straight lines through them replace this.
     delay: age of a range at the time of its stamp, s.
     """
 
@@ -57,8 +57,8 @@ class Calibration:
 
 
 def rising(points: Sequence[Sequence[float]]) -> bool:
-    """True for at least two points if true and reported values increase from each to the next.
+    """True if there are at least two points, and true and reported range increase from each point to the next.
 
-    Then each reading has a unique range.
+    Then each reported range has one true range.
     """
     return len(points) >= 2 and all(a[0] < b[0] and a[1] < b[1] for a, b in pairwise(points))

@@ -11,7 +11,7 @@ UNKNOWN_VARIANCE = (0, 255)
 
 
 def _read(message: Message) -> Reading | Reject | None:
-    """Return the reading of a message: cm, covariance in cm^2, quality 1 for invalid.
+    """Return the reading of a message, which has cm, a covariance in cm^2, and quality 1 for invalid.
 
     At or beyond max_distance autopilots send a placeholder, not a range.
     """

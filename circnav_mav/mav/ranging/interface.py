@@ -38,7 +38,7 @@ class Reject(Enum):
 
 
 OTHERS = frozenset({Reject.WRONG_SOURCE.value, Reject.OTHER_SENSOR.value})
-"""Reasons for messages of other sensors, which do not indicate a fault of ours."""
+"""Reasons for messages of other sensors, which do not indicate a fault of our sensor."""
 EXPLAINED = frozenset({Reject.AMBIGUOUS.value, Reject.NO_HEIGHT.value})
 """Reasons that are shown to the operator with their remedy while they apply."""
 RATE_SIGMA = 0.3
@@ -60,11 +60,11 @@ class RangingSettings:
 
     message: mission name of the message. beacon_id, sensor_id, orientation, name: its filters. system_id, component_id:
     the sender, None for the first that fits. sigma_m: standard deviation if the message carries none. max_age: oldest
-    accepted sample, s. stamp: time to use, the message's own ("sensor") or ours ("arrival"). rate_hz: measurement rate
-    of the sensor. max_sigma: largest usable standard deviation, reported or measured, m. rate_name: name of the
-    NAMED_VALUE_FLOAT with the range rate, or None. rate_sign: "opening" if it is positive away from the target,
-    "closing" if positive towards it. listens: False to steer without first waiting for a second source. calibration:
-    error of the radio, removed from each reading.
+    accepted sample, s. stamp: time to use, the message's own ("sensor") or that of its arrival ("arrival"). rate_hz:
+    measurement rate of the sensor. max_sigma: largest usable standard deviation, reported or measured, m. rate_name:
+    name of the NAMED_VALUE_FLOAT with the range rate, or None. rate_sign: "opening" if it is positive away from the
+    target, "closing" if positive towards it. listens: False to steer without first waiting for a second source.
+    calibration: error of the radio, removed from each reading.
     """
 
     message: str = "distance_sensor"

@@ -1,7 +1,7 @@
 """Conversion of ranging telemetry to samples of range and range rate, with the reasons for rejected messages.
 
-Order of the checks: source, id, finite, "no range" codes, limits, quality, single source, stamp. The innovation gate
-follows later, in the estimator. `table` lists the messages, and `sources` defines a source.
+Order of the checks: source, id, finite, "no range" codes, limits, quality, single source, stamp, age, noise, height.
+The innovation gate follows later, in the estimator. `table` lists the messages, and `sources` defines a source.
 """
 
 from collections import Counter
@@ -34,8 +34,8 @@ FUTURE, KNOWN_AFTER = 0.15, 100
 the limit is JUMP. A smaller lead is link jitter. A larger one is another clock or a shorter delay: such a stamp is
 accepted only when ranges of the old clock have stopped."""
 DOUBT = 0.5
-"""Time, s, after such a stamp in which stamps of the old clock are rejected too. If the link has become faster, they
-are older than they seem."""
+"""Time, s, after a stamp with a lead above FUTURE, in which stamps of the old clock are rejected too. If the link has
+become faster, they are older than they seem."""
 MOST_RATE = 3.0
 """Largest plausible range rate in units of V."""
 
@@ -93,10 +93,11 @@ class RangeReader:
     ) -> RangeSample | None:
         """Return the sample that a message carries, or None. A rejection is counted in `rejected`.
 
-        height: vehicle above the target, m, None to take ranges as horizontal. other_vehicles: their systems,
-        with the addresses of their autopilots. Their ranges are rejected unless the mission specifies such a system.
+        height: vehicle above the target, m, None to take ranges as horizontal. other_vehicles: system ids of other
+        vehicles, with the addresses of their autopilots. Their ranges are rejected unless the mission specifies that
+        system id.
         one_way: least delay of this link, s, which stamps alone do not show. source: address of the sender. vehicle:
-        address of the vehicle, or None. A radio that the autopilot forwards moves with it.
+        address of the vehicle, or None. Ranges that the autopilot forwards come from this address even if it changes.
         """
         self.restarted, self.stepped, self.rival = False, 0.0, None
         if message.get_type() != self._kind.type:
@@ -207,7 +208,7 @@ class RangeReader:
     def _counts(self, sender: Sender, sensor: RangeSource, now: float, *, picked: bool) -> bool:
         """True if ranges of this sensor are used: it is the trusted one, or the trusted one is silent.
 
-        picked: True for a range that the mission selects, so that another address is a second sender.
+        picked: True for a range that the mission selects. From another address it indicates a second sender.
         """
         if self.trusted is None or (sender, sensor) == (self.trusted, self._source):
             return True

@@ -16,7 +16,7 @@ from circnav_mav.mav.statustext import plain_text
 SOURCE_SILENT = 5.0
 """Silence of a source, s, after which another one may replace it."""
 LISTEN, LISTEN_PERIODS = 1.0, 2.5
-"""Time after the first range, s and in periods of the radio, within which a second source may still appear."""
+"""Time after the first range, s, or in periods of the radio if longer, within which a second source may appear."""
 MOST_SOURCES, MOST_NAMED = 16, 4
 """Limits of the sources that are kept, and of those listed in one message."""
 KEPT = 256

@@ -59,6 +59,9 @@ def test_a_flight_does_not_start_with_a_taken_id_or_layer_but_with_a_wrong_clock
     listen(62.0, {})
     with pytest.raises(Refused, match="members 1 and 2 are 2 m apart in height"):
         listening.refuse_taken(own, table_of(own))
+    rover = mission(name="ardurover")  # rovers have no layers
+    listen(0.0, {})
+    listening.refuse_taken(rover, table_of(rover))
     listen(75.0, {Rejection.SAME_ID: 2})
     with pytest.raises(Refused, match="the id 1 is in use"):
         listening.refuse_taken(own, table_of(own))

@@ -1,4 +1,4 @@
-"""Text tables from any source. The delimiter, decimal comma, names, units and empty cells are detected."""
+"""Text tables from any source. Delimiter, decimal comma, column names, units and empty cells are detected."""
 
 import csv
 import re
@@ -50,7 +50,7 @@ LATEST = 1e13
 UNIX = 1e8
 """Smallest time, s, that counts as seconds since 1970 (it is in 1973)."""
 EPOCHS = ((1e17, 1e-9, "nanoseconds"), (1e14, 1e-6, "microseconds"), (1e11, 1e-3, "milliseconds"))
-"""Smallest values, factor and name of units for times without a unit. As seconds they would be after the year 5000."""
+"""Units of times without a named unit: smallest value, factor, name. As seconds, such values are past the year 5000."""
 TOO_SLOW, ENOUGH = 8.0, 10
 """Median time between rows, s, from which the unit is not seconds, and smallest number of rows to measure it."""
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")

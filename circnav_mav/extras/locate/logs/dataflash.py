@@ -22,7 +22,7 @@ EKF_ORIGIN = 0
 """ORGN.Type of the estimator's origin (ArduPilot's LogOriginType)."""
 BEACONS = ("D0", "D1", "D2", "D3")
 GPS_EPOCH, LEAP_SECONDS = 315_964_800, 18
-"""GPS epoch in seconds since 1970, and leap seconds since 2017."""
+"""GPS epoch, seconds since 1970, and seconds by which GPS time is ahead of UTC since 2017."""
 WEEK = 604_800
 """Seconds of a GPS week."""
 NO_READINGS = ("FMT", "FMTU", "UNIT", "MULT", "PARM", "MSG")

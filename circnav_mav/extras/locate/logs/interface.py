@@ -38,7 +38,7 @@ FIX_3D = 3
 class ReadOptions:
     """Options of the user for reading a log.
 
-    range_name: name of the NAMED_VALUE messages that carry the range. unit: meters in the unit of the ranges, None for
+    range_name: NAMED_VALUE, debug key or MESSAGE.FIELD that is the range. unit: length of the ranges' unit, m, None for
     the unit named in the log. range_columns: columns of a CSV with ranges. zone: time zone of times without one.
     vehicle: system id of the only vehicle to read, None for all. positions, ranges: True if the file must have them.
     """
@@ -53,14 +53,14 @@ class ReadOptions:
 
     @property
     def meters(self) -> float:
-        """Meters in the unit of the ranges, for a log whose format defines meters."""
+        """Length of the ranges' unit, m. It is 1 if no unit is given: for log formats that define meters."""
         return 1.0 if self.unit is None else self.unit
 
 
 class Format(NamedTuple):
     """Readable log format.
 
-    matches: True if the first bytes of a file are of this format. ranges, positions: names of their messages or fields.
+    matches: True if the first bytes of a file are of this format. ranges, positions: messages or fields with them.
     """
 
     name: str
@@ -83,7 +83,7 @@ def listed(names: Iterable[str]) -> str:
 
 
 def meters_in(unit: str) -> float | None:
-    """Return the meters in a unit of length, given by name or number. None if it is neither."""
+    """Return the length of a unit, m. unit: its name, or its length in m as text. None if it is neither."""
     if unit in METERS:
         return METERS[unit]
     try:

@@ -14,7 +14,7 @@ DAY = 86_400.0
 
 
 def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
-    """Read a file. GGA has the height, RMC has the date: days are counted and dated by the first RMC."""
+    """Read a file. GGA has the height, RMC the date. Days are counted at midnight and dated by the first RMC."""
     log, damaged = RangeLog(), 0
     rows: dict[float, Position] = {}
     midnight: float | None = None

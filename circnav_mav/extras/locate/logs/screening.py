@@ -11,15 +11,15 @@ from circnav_mav.extras.locate.range_log import Position, Range, RangeLog
 NEAR_ZERO = 0.01
 """Largest latitude and longitude, degrees, of a receiver without a fix: 1.1 km around 0 N 0 E, in the sea."""
 FROZEN_FOR, FROZEN_COUNT = 3.0, 6
-"""Duration, s, and smallest number of equal values in a frozen stretch."""
+"""Smallest duration, s, and smallest number of equal values, of a frozen stretch: values repeated without measuring."""
 FROZEN_OVER = 4.0
 """Smallest length of a frozen stretch, relative to the usual run of equal values."""
 COARSE = 3.0
-"""Median step between different ranges, in units of the smallest step, up to which the resolution is coarse."""
+"""Largest median step between different ranges, in units of the smallest step, of a radio with coarse resolution."""
 RESENT = 0.5
 """Share of repeated values from which ranges are sent more often than measured."""
 JUMP = 5.0
-"""Smallest jump of the position, m, after a frozen stretch that shows that the vehicle had moved."""
+"""Jump of the position, m, after a frozen stretch, above which the vehicle has moved during the stretch."""
 
 
 def screen(log: RangeLog) -> None:

@@ -15,7 +15,8 @@ from circnav_mav.runlog.run_folder import RunError
 from circnav_mav.runlog.tlog import read_messages
 
 OURS = "CN_TEAST"
-"""NAMED_VALUE_FLOAT that identifies the survey of circnav. Its RANGING_BEACON repeats ranges that are in the log."""
+"""NAMED_VALUE_FLOAT that identifies the survey of circnav. The survey's RANGING_BEACON repeats ranges that are already
+in the log."""
 NOT_VEHICLES = {
     dialect.MAV_TYPE_ANTENNA_TRACKER, dialect.MAV_TYPE_GCS, dialect.MAV_TYPE_ONBOARD_CONTROLLER,
     dialect.MAV_TYPE_GIMBAL, dialect.MAV_TYPE_ADSB, dialect.MAV_TYPE_CAMERA, dialect.MAV_TYPE_CHARGING_STATION,
