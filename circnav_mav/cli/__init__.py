@@ -34,7 +34,7 @@ ENDPOINT = click.option(
     metavar="URL",
     help="Address of the vehicle: udpin:, udpout: or tcp:HOST:PORT, serial:PATH:BAUD. [default: link.endpoint]",
 )
-SPEED_HELP = "Bundled vehicle: N times real time, to watch it. [default: as fast as possible; with --web 6]"
+SPEED_HELP = "Bundled vehicle: N times real time, to watch it. [default: as fast as possible, or 6 with --web]"
 YEAR_2100 = 4_102_444_800
 """Upper bound of the computer's clock, s since 1970. Later timestamps in a tlog would be read as damage."""
 

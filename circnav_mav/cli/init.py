@@ -43,7 +43,7 @@ def write_mission(vehicle: str | None, file: str | None) -> int:
             write_text(schema, schema_text("mission"))
     about = next((line[2:] for line in text.splitlines() if line.startswith("# ")), "")
     where = "on the bundled emulator" if '\nendpoint = "sim"' in text else "on your vehicle"
-    say(f"{path}: {about}\nEvery value has a comment. Adapt them, then:")
+    say(f"{path}: {about}\nEvery value has a comment. Adapt the values, then:")
     say(f"  circnav check {path}    # each value against its limits")
     say(f"  circnav fly {path}      # {where}")
     return Exit.DONE

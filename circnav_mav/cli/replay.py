@@ -194,7 +194,7 @@ def _say_setpoints(done: ReplayResult, whole: bool) -> None:
         say(f"  setpoints  {len(was)} as flown, byte for byte the same{until}, as are all other sent frames")
         return
     same = len(set(was) & set(would))
-    say(f"  setpoints  {len(was)} as flown, {len(would)} in the replay, {same} identical")
+    say(f"  setpoints  {len(was)} in the flight, {len(would)} in the replay, {same} identical")
     say(f"             first difference: a frame at {done.first_difference:.3f} s")
 
 

@@ -54,7 +54,7 @@ def _circle(summary: dict[str, Any]) -> list[str]:
     if len(circles) < len(wanted):
         left = ", ".join(f"{radius:g} m" for radius in wanted[len(circles) :])
         lines.append(f"  WARNING    circle of {left} not begun: the circle before it was not completed")
-    lines.append(f"  desired    {desired:g} m {summary['direction']}, flown {flown:.0f} s{of_these}; last third:")
+    lines.append(f"  desired    {desired:g} m {summary['direction']}, flown {flown:.0f} s{of_these}; its last third:")
     lines.append(f"  estimated  {_figures(summary, desired)}")
     if truth is not None:
         lines.append(f"  truth      {_figures(truth, desired)}")
@@ -73,7 +73,7 @@ def _turn(summary: dict[str, Any]) -> list[str]:
     if std is None or at_limit is None:
         return []
     varies = "" if variation is None else f", variation {variation:.2g} rad/s^2"
-    lines = [f"  turn       command std {std:.1f} deg/s, at the limit {100 * at_limit:.0f} %{varies}"]
+    lines = [f"  turn       command std {std:.1f} deg/s, at the limit {100 * at_limit:.0f} % of the time{varies}"]
     gain, delay, share = map(summary.get, ("turn_gain", "turn_delay_s", "gain_share"))
     if gain is not None and delay is not None:
         changes = summary["law_changes"]

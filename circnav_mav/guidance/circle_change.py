@@ -77,7 +77,7 @@ def obstacle(request: CircleRequest, orbit: Orbit, limits: CircleLimits) -> str:
     can."""
     wanted, most = request.applied(orbit), MAX_OFFSET_SHARE * request.circle(orbit).radius
     if request.offset is not None and not abs(request.offset) <= most:
-        return f"spacing by {request.offset:+.1f} m beyond {most:.1f} m"
+        return f"spacing offset {request.offset:+.1f} m, limit {most:.1f} m"
     if not limits.nearest < wanted.radius < limits.farthest:  # also rejects NaN
         return f"radius {wanted.radius:g} m outside {limits.nearest:g} to {limits.farthest:g} m"
     if wanted.speed != orbit.speed and limits.keeps_speed:

@@ -180,8 +180,8 @@ def _drift(mission: Mission) -> Iterator[Check]:
         rest = (
             "" if mission.file.guidance.law in DRIFT_LAWS else f"; the law {mission.law.name} does not correct for wind"
         )
-        most = f"up to {tolerated:.1f} m/s of wind minus target motion ({100 * tolerated / orbit.speed:.0f} % of V)"
-        words = f"the circle can be flown in {most}: (V + W)^2/(V max turn rate) <= r_d{rest}"
+        most = f"up to W = {tolerated:.1f} m/s of wind minus target motion ({100 * tolerated / orbit.speed:.0f} % of V)"
+        words = f"the circle can be flown in {most}: (V + W)^2/(V max turn rate) <= radius, V = speed{rest}"
         yield Check(PASS, "drift", words)
     far = min(5 * orbit.radius, mission.max_range)
     seconds = settling_time(far, orbit.speed, orbit.radius, orbit.max_turn_rate * gain)
@@ -267,5 +267,5 @@ def _unsigned(mission: Mission) -> Iterator[Check]:
     elif link.peer:
         yield Check(PASS, "peer", f"{' and '.join(received)} accepts {', '.join(link.peer)} only")
     elif received and not any(host in received[0] for host in LOOPBACK):
-        words = f"{received[0]} accepts the first sender of the vehicle's heartbeats"
-        yield Check(WARN, "peer", f"{words}: set its address (link.peer), or sign (docs/signing.md)")
+        words = f"{received[0]} trusts any program that is first to send as the vehicle"
+        yield Check(WARN, "peer", f"{words}: set the vehicle's address (link.peer), or sign (docs/signing.md)")

@@ -51,7 +51,7 @@ def _bounds(mission: Mission) -> Iterator[Check]:
     if not given:
         return
     used = max((nearest or 0.0) / radius, radius / (farthest or inf))
-    words = f"the circle of {radius:g} m must be {' and '.join(given)} (horizontal ranges), by {100 * ROOM:.0f} %"
+    words = f"the circle of {radius:g} m must be {' and '.join(given)} (horizontal), with {100 * ROOM:.0f} % to spare"
     yield Check(graded(used, warn_above=1 / (1 + ROOM), fail_above=1.0), "bounds", words)
     if farthest is not None and _slant_range(mission, farthest) > mission.max_range:
         end = f"{mission.file.ranging.message} reports up to {_length(mission.max_range)}"
@@ -93,7 +93,7 @@ def _sampling(mission: Mission) -> Iterator[Check]:
     yield Check(graded(period / stale, warn_above=0.5, fail_above=1.0), "sampling", words)
     if LAWS[mission.law.name].switches:
         turn = min(mission.law.gain, mission.orbit.max_turn_rate) * period
-        bounds = "above 0.05 the vehicle drifts off the circle, above 0.5 it leaves the circle"
+        bounds = "above 0.05 rad it slowly drifts off the circle, above 0.5 rad it leaves it"
         words = f"the vehicle turns {turn:.3f} rad between two ranges ({bounds})"
         yield Check(graded(turn, warn_above=0.05, fail_above=0.5), "switching", words)
 

@@ -35,7 +35,7 @@ def judge(mission: Mission, listener: PreflightListener, clock_speed: float = 1.
     if not listener.session.up:
         misfits = "; ".join(listener.session.misfits.values())
         why = misfits or f"no autopilot heartbeat, {listener.connection.counts[VEHICLE].describe()}"
-        return [Check(FAIL, "vehicle", f"not the one of the mission; {why}")]
+        return [Check(FAIL, "vehicle", f"no vehicle for this mission: {why}")]
     parts = (_identity, _mode, _protocol, _signing, _company, _streams, _motion, _battery)
     lines = [line for part in parts for line in part(mission, listener)]
     lines += [*_clock(mission, listener, clock_speed), *judge_ranging(mission, listener)]
@@ -122,7 +122,7 @@ def _company(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
         yield Check(WARN, "others", f"{others} heartbeats of another autopilot on the link{also}{advice}")
     if peripherals := session.ignored["no_autopilot"]:
         ids = "{}/{}".format(*session.vehicle_ids)
-        words = f"{peripherals} heartbeats with the vehicle's ids {ids} of a component that is no autopilot"
+        words = f"{peripherals} heartbeats from a component that is no autopilot, but has the vehicle's ids {ids}"
         yield Check(WARN, "others", f"{words}: give that component another id")
     for rival in second_senders:
         of_driver = mission.ranging_driver is not None and rival.startswith(RADIO_NAME)
@@ -137,7 +137,7 @@ def _company(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
 
 def _streams(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
     if (silence := listener.session.heartbeat_age(listener.end)) > SILENT:
-        yield Check(FAIL, "heartbeat", f"the last one was received {silence:.1f} s before the end")
+        yield Check(FAIL, "heartbeat", f"the last one was received {silence:.1f} s before preflight ended")
     if listener.session.streams.by_group:
         words = "SET_MESSAGE_INTERVAL is not supported by this old firmware: REQUEST_DATA_STREAM is used"
         yield Check(WARN, "stream", words)
@@ -190,7 +190,7 @@ def _motion(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
             user = f"a {session.adapter.name}" if name in session.adapter.needs else "the mission"
             why = ": no VFR_HUD" if listener.airspeed is None else ""
             if name == "airspeed" and listener.airspeed is not None and isnan(listener.airspeed):
-                why = ": VFR_HUD has none (NaN), is there an airspeed sensor?"
+                why = ": VFR_HUD has none (NaN), check the airspeed sensor"
             yield Check(FAIL, name, f"not received{why}; {user} needs it")
 
 
@@ -206,7 +206,7 @@ def _battery(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
     if least is None:
         return
     if battery is None:
-        yield Check(FAIL, "battery", f"not reported, the flight ends at {least:g} %")
+        yield Check(FAIL, "battery", f"not reported, but needed for bounds.min_battery_percent = {least:g}")
     else:
         grade = PASS if battery > least else FAIL
         yield Check(grade, "battery", f"{battery:.0f} %, the flight ends at {least:g} %")

@@ -117,7 +117,7 @@ class Authority:
         vehicle, guided = self._session.vehicle, self._session.adapter.guided_name
         if self.holder is not Holder.US:
             enter = f"leave {guided} and enter it" if self.holder is Holder.OPERATOR_IN_MODE else f"enter {guided}"
-            return f"the operator has the vehicle: {enter} again to return it to circnav"
+            return f"the operator has control: {enter} again to give control to circnav"
         if hindrance := self._hindrance(now):
             return hindrance
         if vehicle.in_our_mode:
@@ -157,7 +157,7 @@ class Authority:
         # after a lost link.
         goes_on = self._mission.begun and self._mission.phase is Phase.READY
         silent = vehicle.on_ground is None and not goes_on and now - session.identity.since < LANDED_PATIENCE
-        return "the vehicle has not reported that it flies" if silent else ""
+        return "the vehicle has not yet reported whether it flies" if silent else ""
 
     def _streams_first(self, now: float) -> bool:
         """True if setpoints are sent before the engagement. Never after a takeover, on the ground or without required

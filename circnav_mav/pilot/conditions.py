@@ -177,7 +177,7 @@ TABLE = (
         ),
         short="range lost, holding", over="range regained", steering=True,
         long="RANGE STALE {found[0]:.1f} s: holding the circle's turn rate with {p.rates.newest.setpoints:.0f} "
-        "setpoints per second, the flight ends at {found[1]:g} s",
+        "setpoints per second, the flight ends after {found[1]:g} s without a range",
     ),
     Condition(
         "range_stale",
@@ -206,14 +206,14 @@ TABLE = (
     Condition(
         "lean_limit",
         lambda p, now: (lean := p.controller.lean).share < 1 and (lean.share, degrees(atan(lean.found / GRAVITY))),
-        short="leans {found[1]:.0f} deg at most, speed {p.controller.speed:.1f} m/s", repeats=True,
+        short="lean limit {found[1]:.0f} deg, speed cut to {p.controller.speed:.1f} m/s", repeats=True,
         long="LEAN LIMIT: the copter leans {found[1]:.0f} deg at most, too little for {p.settings.orbit.speed:g} m/s "
-        "in this wind: speed {p.controller.speed:.1f} m/s",
+        "in this wind: speed reduced to {p.controller.speed:.1f} m/s",
     ),
     Condition(
         "drift_too_strong", lambda p, now: p.drift_alarm.on and p.drift_alarm,
-        short="drift {found.drift:.1f} m/s, this circle allows {found.allowed:.1f}", over="drift within limit again",
-        long="DRIFT TOO STRONG: drift {found.drift:.1f} m/s, this circle allows {found.allowed:.1f}",
+        short="drift {found.drift:.1f} m/s, circle allows {found.allowed:.1f} m/s", over="drift within limit again",
+        long="DRIFT TOO STRONG: {found.drift:.1f} m/s by wind or target, circle allows {found.allowed:.1f} m/s",
     ),
     Condition(
         "bound_not_watched", lambda p, now: (why := unwatched(p.settings, p.session, now)) and why.split(": "),

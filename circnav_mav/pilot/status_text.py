@@ -32,7 +32,8 @@ class StatusText:
         phase = self.mission.phase
         if phase is Phase.WAIT_LINK:
             rejected = self.connection.session.identity.second_senders.recent(now) if self.mission.begun else ()
-            return "; ".join(f"{line} until it reports its time since boot" for line in rejected) or self._no_vehicle()
+            until = "until the rejected one reports its time since boot as expected"
+            return "; ".join(f"{line} {until}" for line in rejected) or self._no_vehicle()
         if phase is Phase.WAIT_RANGING:
             return self._not_ready(now)
         return self.authority.obstacle(now) if phase in (Phase.READY, Phase.YIELDED) else ""

@@ -139,7 +139,7 @@ class LogClock:
         if self.steps:
             at, size = max(self.steps, key=lambda step: abs(step[1]))
             how_many = "1 time" if len(self.steps) == 1 else f"{len(self.steps)} times, at most"
-            problems.append(f"its clock steps {how_many} by {size:+.1f} s (at {at:.1f} s), which is ignored")
+            problems.append(f"the log's clock jumps {how_many} by {size:+.1f} s (at {at:.1f} s); the jump is ignored")
         if self.single:
             how_many = (
                 "1 single timestamp is"

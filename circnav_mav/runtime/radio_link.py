@@ -122,8 +122,8 @@ class RadioLink:
             if now - self._since < WATCHED:
                 return
             if self._driver.unread - self._unread >= MANY:
-                why = "another baud rate, driver or output of the radio?"
-                self.troubles[f"bytes received that are not of {self._name}: {why}"] += 1
+                why = "wrong baud rate, driver or output of the radio?"
+                self.troubles[f"received bytes are no {self._name} data: {why}"] += 1
         self._since, self._unread = now, self._driver.unread
 
     def _frame(self, reading: RadioReading) -> bytes:

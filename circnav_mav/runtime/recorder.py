@@ -145,7 +145,7 @@ class Recorder:
         """True while less than this fraction of MOST_MB is used. Else report that recording has stopped."""
         if self._written < share * MOST_MB * 1e6:
             return True
-        self._note(f"{self.folder}: {what} are recorded up to {time:.0f} s: {MOST_MB:g} MB are reached")
+        self._note(f"{self.folder}: recording of {what} ended at {time:.0f} s: the limit of {MOST_MB:g} MB is reached")
         return False
 
     def _write_step(self, item: LoopStep) -> None:

@@ -115,7 +115,7 @@ SENT_TYPES = [
     ("height cost", "orbit.height_above_target_m=31", WARN,
      "1 m of error in the height above the target (31.0 m) changes the radius by 0.31 m (WARN above 0.3)"),
     ("bounds", "bounds.max_range_m=640", PASS,
-     "the circle of 100 m must be below bounds.max_range_m = 640 m (horizontal ranges), by 10 %"),
+     "the circle of 100 m must be below bounds.max_range_m = 640 m (horizontal), with 10 % to spare"),
     ("ranging", BEACON, WARN,
      "ArduPilot and PX4 do not forward RANGING_BEACON: set ranging.endpoint, unless the radio "
      "itself sends to link.endpoint"),
@@ -130,15 +130,15 @@ SENT_TYPES = [
      "frames are signed, and accepted only if signed with our key, on the ranging endpoint also unsigned"),
     # without a configured address, the first sender is accepted
     ("peer", "link.endpoint=udpin:0.0.0.0:14550", WARN,
-     "udpin:0.0.0.0:14550 accepts the first sender of the vehicle's heartbeats: set its address (link.peer), or sign "
-     "(docs/signing.md)"),
+     "udpin:0.0.0.0:14550 trusts any program that is first to send as the vehicle: set the vehicle's "
+     "address (link.peer), or sign (docs/signing.md)"),
     ("peer", "link.endpoint=udpin:0.0.0.0:14550 link.peer=10.0.0.5", PASS,
      "udpin:0.0.0.0:14550 accepts 10.0.0.5 only"),
     ("peer", "link.endpoint=tcp:10.0.0.5:5760 link.peer=10.0.0.5", WARN,
      "link.peer has no effect: only udpin receives from more than one address"),
     # a plane loiters after 3 s with a steep bank; a copter brakes
     ("exit", " ".join([*PLANE, "exit.action=stop"]), FAIL,
-     "a plane that stays in GUIDED loiters 3 s later, banking hard at once: exit.action must command a mode, choose "
+     "a plane left in GUIDED loiters after 3 s, with a sudden hard bank: exit.action must command a mode, choose "
      "loiter, rtl, hold"),
 ]  # fmt: skip
 

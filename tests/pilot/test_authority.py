@@ -21,7 +21,7 @@ def commanded(rig: Rig, since: float = -1.0) -> list:
 # --- before the engagement ---
 
 SLOW = "link too slow: round trip {} s (at most 0.6 s, 1.2 times limits.stale_s)"
-ON_GROUND, UNTOLD = "the vehicle is on the ground", "the vehicle has not reported that it flies"
+ON_GROUND, UNTOLD = "the vehicle is on the ground", "the vehicle has not yet reported whether it flies"
 NOT_ARMED, MEASURING = "the vehicle is not armed", "measuring the round-trip time of the link (TIMESYNC)"
 
 

@@ -87,7 +87,7 @@ def test_a_drift_that_the_circle_does_not_allow_is_said_once_and_shown():
     flown, texts = flown_in_wind(12.0, 30.0)
     (said,) = (text for text in texts if "allows" in text)
     assert said.startswith(("circnav: drift 6.", "circnav: drift 5."))
-    assert said.endswith("m/s, this circle allows 2.7")
+    assert said.endswith("m/s, circle allows 2.7 m/s")
     alarms = StatusSource(flown.pilot, Onlookers()).status(flown.ticks[-1], 30.0).alarms
     assert [alarm.split(":")[0] for alarm in alarms] == ["DRIFT TOO STRONG"]
 

@@ -108,7 +108,7 @@ def test_the_spacing_of_a_fleet_leaves_the_circle_and_its_changes_by_the_operato
     assert (controller.circle.radius, controller.orbit.radius) == (base.radius + 30.0, base.radius + 35.0)
     assert controller.change_circle(CircleRequest(offset=0.0, by="fleet"), 1.2) == ""
     assert controller.orbit.radius == controller.circle.radius
-    assert "spacing by" in controller.change_circle(CircleRequest(offset=0.31 * controller.circle.radius), 2.0)
+    assert "spacing offset" in controller.change_circle(CircleRequest(offset=0.31 * controller.circle.radius), 2.0)
 
 
 # --- the limits of the mission in the setpoint guard: a fault of law, loop or adapter does not leave

@@ -247,7 +247,7 @@ def test_a_component_that_shares_the_vehicles_ids_warns():
     bench, radio = Bench("arducopter"), Voice(1, 1)
     bench.speaks = lambda now: [radio.say(heartbeat(0, kind=18, autopilot=8))] if round(now * 100) % 50 == 0 else []
     (line,) = of(bench.lines(), "others")
-    ids = "with the vehicle's ids 1/1 of a component that is no autopilot: give that component another id"
+    ids = "from a component that is no autopilot, but has the vehicle's ids 1/1: give that component another id"
     assert line.grade is WARN and ids in line.text
 
 
@@ -391,7 +391,7 @@ def mode(number, *, armed):
         ("arducopter", mode(4, armed=False), "mode", PASS, "requested by circnav"),
         ("arduplane", airspeed(0.0, armed=True), "airspeed", FAIL, "not received; a"),
         ("arduplane", airspeed(0.0, armed=False), "airspeed", WARN, "as before take-off"),
-        ("arduplane", airspeed(float("nan"), armed=False), "airspeed", FAIL, "is there an airspeed sensor?"),
+        ("arduplane", airspeed(float("nan"), armed=False), "airspeed", FAIL, "check the airspeed sensor"),
         ("arduplane", airspeed(None, armed=False), "airspeed", FAIL, "no VFR_HUD"),
     ],
 )

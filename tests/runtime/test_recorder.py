@@ -135,7 +135,7 @@ def test_a_bounded_run_folder_keeps_its_bound_and_the_ticks_outlast_the_frames(r
     )
     assert steps[-1].time < ticks.time[-1] < 74
     assert recorder.problem == (
-        f"{folder}: frames are recorded up to {steps[-1].time + 0.05:.0f} s: 0.1 MB are reached"
+        f"{folder}: recording of frames ended at {steps[-1].time + 0.05:.0f} s: the limit of 0.1 MB is reached"
     )
 
 

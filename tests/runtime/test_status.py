@@ -18,8 +18,11 @@ from tests.rig import Rig
 
 SETTINGS = flight("quickstart").pilot.settings
 GROUND = ("sim.start.altitude_m=0.0", "sim.start.armed=false", 'sim.start.mode="STABILIZE"')
-BACK = "the operator has the vehicle: enter GUIDED again to return it to circnav"
-STALE = r"RANGE STALE 4\.\d s: holding the circle's turn rate with 20 setpoints per second, the flight ends at 10\.5 s"
+BACK = "the operator has control: enter GUIDED again to give control to circnav"
+STALE = (
+    r"RANGE STALE 4\.\d s: holding the circle's turn rate with 20 setpoints per second, "
+    r"the flight ends after 10\.5 s without a range"
+)
 
 
 def drawn(*statuses, ascii_only=False, settings=SETTINGS, columns=80, rows=0):

@@ -64,7 +64,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
 class Rejection(Enum):
     """Reason for rejecting a datagram. value: remedy or effect for the alarm, empty for no alarm."""
 
-    MALFORMED = "frames are not complete MAVLink 2 reports: give each program another port"
+    MALFORMED = "frames are not complete MAVLink 2 reports: give each program its own port"
     OTHER_MESSAGE = ""
     OTHER_ADDRESS = "a sender is not in the list of peers: if it is a member, add it"
     UNSIGNED = "frames are not signed: give every member the key of the fleet"
@@ -74,7 +74,7 @@ class Rejection(Enum):
     NOT_FINITE = "a number is not finite"
     OUT_OF_BOUNDS = "a number is out of bounds"
     CLOCKS_DISAGREE = "clocks disagree, or frames are late: synchronize the companion computers"
-    SAME_ID = "two members have the same id: give each member another id"
+    SAME_ID = "two members have the same id: give each member its own id"
     PHASE_JUMP = "a phase jumps: the member's estimate is wrong, or another program sends as this member"
     TOO_OFTEN = "a member sends more than 10 reports a second"
     TABLE_FULL = "the group has more members than its limit"
@@ -221,7 +221,7 @@ class Acceptance:
         check_numbers(report)
         self._check_time(report, now)
         if report.member == self._member:
-            raise RejectedError(Rejection.SAME_ID, f"this member has the id {self._member} itself")
+            raise RejectedError(Rejection.SAME_ID, f"another sender has this member's id {self._member}")
         self._check_member(report, address, now)
         self.members[report.member] = Member(report, address, now)
         self.accepted += 1

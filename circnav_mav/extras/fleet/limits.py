@@ -62,7 +62,7 @@ def fleet_limits(mission: Mission, table: FleetTable) -> Iterator[Check]:
     too_many = (m for m in range(2, 256) if 2 * pi / m < GAP_SIGMAS * evenness_floor(m, COMPASS_SIGMA))
     by_phase = next(too_many, 256) - 1
     why = "because of compass errors" if by_phase < by_distance else f"{LEAST_GAP:g} m apart"
-    words = f"{n} members, at most {min(by_distance, by_phase)} on {orbit.radius:g} m {why}"
+    words = f"{n} members; a radius of {orbit.radius:g} m takes at most {min(by_distance, by_phase)}, {why}"
     yield Check(FAIL if n > min(by_distance, by_phase) else PASS, "fleet size", words)
     floor = f"worst gap {degrees(evenness_floor(n, COMPASS_SIGMA)):.1f} deg rms"
     words = f"{floor} with compass errors of {degrees(COMPASS_SIGMA):g} deg"
@@ -73,6 +73,6 @@ def fleet_limits(mission: Mission, table: FleetTable) -> Iterator[Check]:
         remedy = "enlarge orbit.radius_m or the bounds"
         yield Check(FAIL, "fleet evenness", f"bounds and turn rate leave no room beside the circle: {remedy}")
     rate = mission.file.ranging.rate_hz
-    words = f"a two-way beacon with {rate:g} Hz for one vehicle has {rate / n:.1f} Hz for each of {n}"
+    words = f"if a two-way beacon has {rate:g} Hz in all, each of {n} members gets {rate / n:.1f} Hz"
     grade = WARN if rate / n < LEAST_RATE else PASS
-    yield Check(grade, "fleet ranging", f"{words}: set ranging.rate_hz to the rate of one vehicle")
+    yield Check(grade, "fleet ranging", f"{words}: set ranging.rate_hz to the rate of one member")

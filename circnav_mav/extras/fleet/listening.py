@@ -64,7 +64,7 @@ def judge_fleet(
     for line in problems:
         yield Check(FAIL if fatal else WARN, "fleet link", line.removeprefix("fleet link: "))
     if rejected.get(Rejection.SAME_ID) and not problems:
-        yield Check(FAIL, "fleet link", f"the id {table.id} is in use: give each member another id")
+        yield Check(FAIL, "fleet link", f"the id {table.id} is in use: give each member its own id")
     own = mission.file.orbit.height_above_target_m
     if own is None or mission.file.vehicle.kind == "rover":
         return

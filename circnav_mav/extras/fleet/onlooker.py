@@ -66,10 +66,10 @@ def layer_lines(heights: Mapping[int, float], layer: float) -> list[str]:
 
 def fleet_line(found: Mapping[str, Any]) -> str:
     """Return the line of the verdict from the fleet's part of the summary."""
-    even = "not even within 5 deg for 20 s"
+    even = "never evenly spaced (within 5 deg for 20 s)"
     if found["even_after_s"] is not None:
         worst = f"worst gap off by {found['worst_gap_deg']:.1f} deg rms"
-        even = f"even {found['even_after_s']:.0f} s after it entered, {worst}"
+        even = f"even {found['even_after_s']:.0f} s after entering the circle, {worst}"
     layer = "" if found["nearest_layer_m"] is None else f", nearest in height {found['nearest_layer_m']:.0f} m"
     return f"  fleet      id {found['id']}, {len(found['members'])} members, {even}{layer}"
 
@@ -170,7 +170,8 @@ class FleetOnlooker(Onlooker):
         if adjusted.error is not None and self._own.phase is not None:
             apart = sorted((phase - self._own.phase) % LAP for phase in adjusted.counted.values())
             ahead, behind = [*apart[1:2], LAP][0], LAP - apart[-1] if len(apart) > 1 else LAP
-            words += f", gap {degrees(ahead):.0f} deg ahead, {degrees(behind):.0f} behind, {adjusted.offset:+.1f} m"
+            words += f", gap {degrees(ahead):.0f} deg ahead, {degrees(behind):.0f} deg behind"
+            words += f", radius {adjusted.offset:+.1f} m"
         return {"fleet": words}
 
     def vehicles(self, now: float) -> Sequence[OtherVehicle]:

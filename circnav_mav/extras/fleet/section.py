@@ -43,7 +43,7 @@ def _figures(found: dict[str, Any]) -> dict[str, str]:
     labels = {
         "id": ("id of this vehicle", ""),
         "members": ("ids of all members", ""),
-        "even_after_s": ("even within 5 deg, after it entered the circle", " s"),
+        "even_after_s": ("time from entering the circle to even within 5 deg", " s"),
         "worst_gap_deg": ("largest gap error from then on, rms", " deg"),
         "nearest_layer_m": ("smallest vertical distance to another member", " m"),
     }

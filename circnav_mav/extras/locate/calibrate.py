@@ -225,7 +225,7 @@ def _say(tag: str, found: CalibrationFit) -> None:
         say(f"  radio      {error}; scale 1 ±{found.scale_sigma:.4f}")
     else:
         say(
-            f"  radio      {error}. Scale and bias not separately observable: valid at this range only; also fly the "
+            f"  radio      {error}. Valid at this range only: one circle cannot separate scale and bias; also fly the "
             "approach or a second radius"
         )
     if not place.up_known:

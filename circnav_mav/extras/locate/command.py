@@ -171,8 +171,8 @@ def _say(place: Place, known: Knowledge) -> None:
     ellipse = place.ellipse
     say(f"  place      {place.words()}")
     say(
-        f"  95 %       {ellipse.major:.1f} x {ellipse.minor:.1f} m, long axis {ellipse.azimuth:.0f} deg; the "
-        f"positions' error is included with {known.gps_sigma:g} m"
+        f"  95 %       ±{ellipse.major:.1f} x ±{ellipse.minor:.1f} m, long axis {ellipse.azimuth:.0f} deg; "
+        f"includes {known.gps_sigma:g} m of position error"
     )
     if not place.up_known:
         say(f"  height     {NOT_OBSERVABLE}")
@@ -185,7 +185,7 @@ def _say(place: Place, known: Knowledge) -> None:
     say(f"  clocks     {late if known_clocks else 'offset not observable: the distance hardly changes'}")
     total = place.used + place.outliers
     if not is_plausible(place, known):
-        say(f"  WARNING    the ranges fit a target at {place.up:.0f} m only: are they slant ranges in meters?")
+        say(f"  WARNING    the ranges fit only a target at altitude {place.up:.0f} m: are they slant ranges in meters?")
     if place.outliers:
         say(f"  outliers   {place.outliers} of {total} left out")
     if place.outliers > MIXED * total or place.noise > POOR * place.range_scale:

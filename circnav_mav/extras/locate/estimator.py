@@ -122,7 +122,7 @@ def _locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: 
     ranges = _covered(track, received)
     if len(ranges.r) < LEAST:
         return NotLocated(
-            f"{len(ranges.r)} ranges with positions before and after them, {LEAST} are needed{_apart(track, received)}"
+            f"{len(ranges.r)} ranges have positions before and after them, {LEAST} are needed{_apart(track, received)}"
         )
     still = _best(plane, track, ranges, known, near)
     newest = ranges.take(ranges.time >= ranges.time[-1] - MOVING_WINDOW)
@@ -166,7 +166,7 @@ def _apart(track: Track, ranges: Ranges) -> str:
         return ""
     of_ranges, of_positions = (f"{time[0]:.6g} to {time[-1]:.6g} s" for time in (ranges.time, track.time))
     every = f"one every {float(np.median(np.diff(track.time))):.3g} s"
-    return f"; ranges of {of_ranges}, positions of {of_positions}, {every}: one clock, in seconds?"
+    return f"; ranges at {of_ranges}, positions at {of_positions}, {every}: same clock, in seconds?"
 
 
 def _moving_starts(track: Track, ranges: Ranges, still: Place | NotLocated, near: Place | None) -> Iterator[Array]:

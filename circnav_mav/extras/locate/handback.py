@@ -308,7 +308,7 @@ class HandBack:
         if not self.given or self.given[-1].time < self._lost_since:
             return ""
         newest = self.given[-1]
-        return f"position lost, sent one from {newest.by}, ±{newest.sigma:.0f} m: {newest.answer}"
+        return f"autopilot lost its position, sent it one from {newest.by}, ±{newest.sigma:.0f} m: {newest.answer}"
 
     def step(
         self, now: float, *, good: bool | None, where: PositionEstimate | None, plane: Plane, target: tuple[int, int]

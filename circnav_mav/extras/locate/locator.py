@@ -301,7 +301,7 @@ class Locator:
         off = max(measured**2 - height**2, 0.0) ** 0.5 - true
         if abs(off) > max(RADIUS_OFF * orbit.radius, self._gps_sigma):
             which = "long" if measured > length else "short"
-            self.radius_alarm = f"ranges {100 * abs(measured / length - 1):.0f} % {which}: true radius {true:.1f} m"
+            self.radius_alarm = f"ranges {100 * abs(measured / length - 1):.0f} % too {which}, true radius {true:.1f} m"
             if not before:
                 self._announcer.say(RADIUS.name, RADIUS.short.format(found=self.radius_alarm), severity=RADIUS.severity)
 

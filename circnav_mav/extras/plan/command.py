@@ -122,7 +122,7 @@ def table(start: Mission, site: Site, found: list[Candidate], best: Candidate) -
                 f"range noise {ranging.sigma_m:g} m, {ranging.rate_hz:g} Hz"
             )
             laps = f"{site.laps:g} laps"
-            yield f"place: standard deviation after {laps}; flight: approach and {laps}"
+            yield f"used: of turn rate; place: error after {laps}; flight: approach and {laps}"
             yield "  radius   lap  bank   turn  used  wind to   RMS  place  flight  checks"
             yield "       m     s   deg  deg/s     %      m/s     m      m     min"
         yield _row(one, best)

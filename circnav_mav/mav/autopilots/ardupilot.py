@@ -40,13 +40,13 @@ def ekf_action(what_follows: str) -> Judge:
 def _gcs_system(value: float, context: Context) -> Verdict:
     if value == context.system:
         hides = "our heartbeat would hide the loss of the ground station"
-        return WARN, f"the system id of the vehicle, and so ours: {hides}"
+        return WARN, f"the vehicle's system id, which circnav uses, too: {hides}"
     return (
         PASS,
         "the system id of the ground station; circnav uses that of the vehicle, so the failsafe ignores our heartbeat",
     )
 
 
-_FENCE_ON = (WARN, "a fence is active: a circle that reaches it ends by the fence's action")
+_FENCE_ON = (WARN, "a fence is active: if the circle reaches it, its action ends the flight")
 GCS_SYSTEM = Rule((("MAV_GCS_SYSID", 1.0), ("SYSID_MYGCS", 1.0)), _gcs_system)
 FENCE = rule("FENCE_ENABLE", one_of({0: (PASS, "no fence")}, _FENCE_ON), optional=True)

@@ -43,7 +43,7 @@ class ArduPlane(Autopilot):
         | {12: "LOITER", 13: "TAKEOFF", 15: "GUIDED", 16: "INITIALISING"}
     )
     exits = MappingProxyType({"loiter": 12, "rtl": 11, "hold": 7})
-    why_no_stop = "a plane that stays in GUIDED loiters 3 s later, banking hard at once"
+    why_no_stop = "a plane left in GUIDED loiters after 3 s, with a sudden hard bank"
     shapes = frozenset({("SET_ATTITUDE_TARGET", MASK)})
     echo = dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT
     needs = frozenset({"airspeed"})

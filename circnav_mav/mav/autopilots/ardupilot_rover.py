@@ -13,7 +13,7 @@ from circnav_mav.mav.setpoint_guard import Steer
 _clips = at_least(
     lambda mission: mission.speed,
     "enough for the mission's {:g} m/s",
-    "below the mission's {:g} m/s, which the rover limits to this value: raise it, or lower vehicle.speed_mps",
+    "below the mission's {:g} m/s, and the rover drives no faster: raise it, or lower vehicle.speed_mps",
 )
 
 

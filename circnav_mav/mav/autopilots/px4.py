@@ -91,7 +91,7 @@ def _sticks_override(value: float, context: Context) -> Verdict:
 
 _NOT_PASSED = (FAIL, "setpoints from MAVLink are not passed to the controllers: set it to 1")
 _MAVLINK_ONLY = (WARN, "the pilot's transmitter is ignored: only a ground station can take over")
-_TRANSMITTER = (PASS, "0: transmitter, 2 and up: transmitter and ground station, 4: no sticks at all")
+_TRANSMITTER = (PASS, "0: transmitter, 4: no sticks at all, others: transmitter and ground station")
 OFFBOARD_RULES = (
     rule(
         "MAV_FWDEXTSP",

@@ -68,7 +68,7 @@ def test_a_copter_that_joins_waits_outside_and_then_all_are_even_with_estimated_
 def test_each_member_shows_its_gaps_and_the_places_of_the_others(three):
     flight, seen = three
     for *_, words, others in seen[BEFORE]:
-        shown = re.search(r"3 of 3 members on the circle, gap (\d+) deg ahead, (\d+) behind", words)
+        shown = re.search(r"3 of 3 members on the circle, gap (\d+) deg ahead, (\d+) deg behind", words)
         assert [int(gap) for gap in shown.groups()] == pytest.approx([120, 120], abs=8)
         assert len(others) == 2
     k = round(BEFORE / SAMPLE_EVERY)

@@ -240,7 +240,7 @@ def test_ranges_that_fit_an_impossible_height_only_get_a_warning(tmp_path, capsy
     """For ranges in feet, the circle of 100 m looks like one seen from 300 m above."""
     track, ranges, _ = circles(laps=2)
     located(tmp_path, track, replace(ranges, r=ranges.r / 0.3048))
-    assert "WARNING    the ranges fit a target at" in capsys.readouterr().out
+    assert "WARNING    the ranges fit only a target at" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("said", ["0", "-1", "nan", "", "1e-200"])

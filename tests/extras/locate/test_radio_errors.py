@@ -144,6 +144,6 @@ def test_a_flight_with_a_long_radio_gets_an_alarm_with_its_true_radius_and_one_w
         texts = [one.text for _, one in flown.messages if one.get_type() == "STATUSTEXT" and "true radius" in one.text]
         assert len(texts) == alarm
         if alarm:
-            number = re.fullmatch(r"circnav: ranges 7 % long: true radius ([\d.]+) m", texts[0])
+            number = re.fullmatch(r"circnav: ranges 7 % too long, true radius ([\d.]+) m", texts[0])
             true = np.mean([true_radius(one) for one in flown.truths[-800:]])
             assert number and float(number[1]) == pytest.approx(true, abs=0.5)

@@ -38,7 +38,7 @@ def test_height_and_bias_are_known_after_the_second_circle_and_not_after_the_fir
     flown.fly(125.0)
     texts = [message.text for _, message in flown.messages if message.get_type() == "STATUSTEXT"]
     # the ranges are 1.5 m too long at 67 m
-    number = re.fullmatch(r"circnav: ranges 2 % long: true radius ([\d.]+) m", texts[0])
+    number = re.fullmatch(r"circnav: ranges 2 % too long, true radius ([\d.]+) m", texts[0])
     true = np.mean([true_radius(one) for one in flown.truths if one.time > 90.0])
     assert number and float(number[1]) == pytest.approx(true, abs=0.3)
     assert texts[1:] == [f"circnav: target {known.latitude:.6f} {known.longitude:.6f} {known.sigma:.1f} m",

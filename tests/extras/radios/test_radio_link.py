@@ -77,7 +77,7 @@ def test_only_numbers_that_are_ranges_pass_as_such(line, millimetres, sigma, sta
 
 def test_a_wrong_baud_rate_is_said_in_one_line_and_heals_and_a_radio_that_sees_no_beacon_is_no_trouble():
     radio = Radio("linktrack", LinkTrack(), datagrams=False)
-    wrong = "bytes received that are not of linktrack: another baud rate, driver or output of the radio?"
+    wrong = "received bytes are no linktrack data: wrong baud rate, driver or output of the radio?"
 
     def ten_seconds(began, *data):
         """Return the numbers of readings in the steps, and the troubles so far."""

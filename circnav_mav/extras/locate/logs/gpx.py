@@ -37,6 +37,6 @@ GPX = Format(
     name="a GPX track",
     matches=lambda head: b"<gpx" in head,
     read=_read,
-    ranges="none: it has only positions, for a file of ranges: circnav locate RANGES --positions GPX",
+    ranges="absent: it has only positions. With ranges in a file: circnav locate RANGES --positions GPX",
     positions="trkpt with a time",
 )

@@ -73,6 +73,6 @@ NMEA = Format(
     name="an NMEA log",
     matches=lambda head: head.lstrip().startswith((b"$GP", b"$GN", b"$GL", b"$GA", b"$GB", b"$BD", b"!AIVDM")),
     read=_read,
-    ranges="none: it has only positions, for a file of ranges: circnav locate RANGES --positions NMEA",
+    ranges="absent: it has only positions. With ranges in a file: circnav locate RANGES --positions NMEA",
     positions="GGA or RMC with a fix",
 )

@@ -54,6 +54,6 @@ RTKLIB = Format(
     name="a solution of RTKLIB (.pos)",
     matches=lambda head: head.startswith(HEADERS) or FIRST_ROW.match(head) is not None,
     read=_read,
-    ranges="none: it has only positions, for a file of ranges: circnav locate RANGES --positions POS",
+    ranges="absent: it has only positions. With ranges in a file: circnav locate RANGES --positions POS",
     positions="solutions with a quality above 0",
 )

@@ -130,7 +130,7 @@ def with_positions(logs: Sequence[RangeLog], carriers: Sequence[RangeLog], sourc
         if log.epoch is not None and track.epoch is not None:
             later = log.epoch - track.epoch
         else:
-            log.note("positions and ranges have no UTC: they are read as times of one clock")
+            log.note("positions and ranges have no UTC: their times are taken to be of one clock")
         shifted = {
             tag: [(time + later, slant, sigma) for time, slant, sigma in rows] for tag, rows in log.ranges.items()
         }
