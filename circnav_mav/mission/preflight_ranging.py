@@ -86,7 +86,7 @@ def _rates(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
         return
     if len(values) < 10:
         yield Check(
-            FAIL, "range rate", f"only {len(values)} {name} received that have the same sender and clock as the ranges"
+            FAIL, "range rate", f"only {len(values)} NAMED_VALUE_FLOAT {name} with sender and clock of the ranges"
         )
         return
     if len(set(values)) == 1:

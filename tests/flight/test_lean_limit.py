@@ -28,7 +28,7 @@ def test_its_speed_is_lowered_to_what_the_lean_allows() -> None:
 def test_px4_is_found_too_although_its_attitude_wanders() -> None:
     """A drag of 1/s and 45 deg of MPC_TILTMAX_AIR: 9.8 m/s of airspeed, in a wind of 6 m/s."""
     flown = flight("px4_copter", "sim.wind.speed_mps=6.0", law="auto").fly(110)
-    assert any(b"leans 45 deg at most" in data for _, data in flown.sent)
+    assert any(b"lean limit 45 deg" in data for _, data in flown.sent)
     assert rms_error(last_third(flown), 50.0) < 1.2
 
 
@@ -39,4 +39,4 @@ def test_px4_is_found_too_although_its_attitude_wanders() -> None:
 def test_wind_and_gusts_within_the_lean_limit_change_no_speed(mission, wind) -> None:
     flown = flight(mission, *wind, law="auto").fly(60)
     assert flown.pilot.controller.speed == 5.0
-    assert not any(b"deg at most" in data for _, data in flown.sent)
+    assert not any(b"lean limit" in data for _, data in flown.sent)

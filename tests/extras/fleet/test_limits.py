@@ -29,7 +29,7 @@ def test_check_names_size_evenness_and_ranging_rate():
     found = lines("vehicle.speed_mps=15", "orbit.radius_m=100")
     assert "6 members; a radius of 100 m takes at most 13, because of compass errors" in found["fleet size"].text
     assert "worst gap 5.4 deg rms" in found["fleet evenness"].text
-    assert "10 Hz for one vehicle has 1.7 Hz for each of 6" in found["fleet ranging"].text
+    assert "10 Hz in all, each of 6 members gets 1.7 Hz" in found["fleet ranging"].text
     assert all(line.grade is Grade.PASS for line in found.values())
 
 

@@ -98,7 +98,7 @@ def test_nothing_is_given_while_there_is_a_position_or_nobody_says_so_and_no_mor
 
 
 def test_the_alarm_does_not_say_that_a_position_is_given_when_none_is():
-    assert give([False] * 100, mavlink.MAV_RESULT_ACCEPTED)[0].words.startswith("position lost, sent one from ranges")
+    assert give([False] * 100, mavlink.MAV_RESULT_ACCEPTED)[0].words.startswith("autopilot lost its position, sent")
     assert "no replacement" in give([False] * 100, mavlink.MAV_RESULT_ACCEPTED, until=5.0)[0].words
     assert give([False] * 50 + [True] * 20 + [False] * 10, mavlink.MAV_RESULT_ACCEPTED)[0].words == ""
 

@@ -299,7 +299,7 @@ def test_what_a_table_leaves_open_is_not_guessed(tmp_path, text, says):
         ("a.BIN", b"\xa3\x95\x80\x00", "dataflash log"),
         ("a.ulg", b"ULog\x01\x12\x35", "ULog file"),
         ("a.gpx", b"<gpx><trk", "cannot be read as GPX"),
-        ("a.pos", b"%  GPST   x-ecef(m)  y-ecef(m)\n", "latitude, longitude and height in degrees"),
+        ("a.pos", b"%  GPST   x-ecef(m)  y-ecef(m)\n", "Lat/Lon/Height, decimal degrees"),
         ("empty.csv", b"", "no column"),
         ("a.csv", b"\x01\x02\x00\x03", "no ranges in it; in a MAVLink telemetry log"),
     ],
