@@ -46,6 +46,8 @@ class ClosedLoop:
         turning = estimate.relative.turn_rate if estimate.relative is not None else 0.0
         pending = self.answer.pending(now, turning)
         command = self._steer(estimate, self._trim, pending, self.answer.monitor.share)
+        # Without the target's position the law repeats slow turns on purpose (excitation, successive hypotheses).
+        # So the monitor looks for slow limit cycles only while the law flies on the estimated position.
         self.answer.monitor.lap = 2 * pi / abs(self.orbit.steady_turn_rate) if command.flies == "drift" else 0.0
         self._trim_radius(estimate, command)
         return self._compensated(command)

@@ -134,6 +134,7 @@ class TurnMonitor:
             return
         turns, least = np.array(self._turns).T, LEAST_SWING * self._limit
         swings = any(_swings(one[-SWING_WINDOW:], least, LONGEST_PERIOD) for one in turns)
+        # All turns flown on the located target: the longer this stretch, the slower a cycle that it can show.
         if (size := min(len(self._turns), self._located)) > SWING_WINDOW:
             longest = min(SLOWEST_PERIOD, int(LAP_SHARE * self.lap / BIN))
             swings = swings or any(_swings(one[-size:], least, longest) for one in turns)

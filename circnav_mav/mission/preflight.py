@@ -24,7 +24,7 @@ LEAST_SPAN = 1.0
 """Least time, s, in which the speed of a clock can be measured within a few percent."""
 LEAST_SLIP = 0.08
 """Difference that arises between two clocks during the measurement, s, above which preflight warns. PX4's simulator ran
-at 0.985 of real time: ranges counted as 0.3 s older than they were, and one flight of four ended with RANGE STALE."""
+at 0.985 of real time: ranges were rejected as too old, and one flight of five ended with RANGE STALE."""
 TROUBLE = ("prearm", "arm:", "failsafe", "failed", "error", "unhealthy", "denied", "variance")
 """Words by which preflight selects the STATUSTEXTs that it repeats."""
 
