@@ -145,8 +145,8 @@ def test_a_vehicle_whose_own_loop_rings_is_found_and_flown_with_lower_gains(name
 
 
 def test_a_slow_swing_on_the_circle_is_found_and_ends_with_lower_gains(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A copter at its acceleration limit that adds only a part of the acceleration fed forward: periods of 5 to 6 s. With
-    full gains the radius error is 4 m, and the turn's standard deviation 17 deg/s."""
+    """A copter at its acceleration limit that adds only a part of the acceleration fed forward, so that it swings with
+    periods of 5 to 6 s. With full gains the radius error is 4 m, and the turn's standard deviation 17 deg/s."""
     monkeypatch.setattr(multicopter, "FEED_SHARE", 0.4)
     fast = "vehicle.speed_mps=7.0", "vehicle.max_turn_rate_deg_s=30.0", "orbit.radius_m=45.0"
     radio = "ranging.rate_hz=20.0", "ranging.sigma_m=0.3", "sim.ranging.rate_hz=20.0", "sim.ranging.noise_m=0.3"
