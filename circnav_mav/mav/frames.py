@@ -5,7 +5,7 @@ heading from north). No other module negates an angle or a turn rate.
 """
 
 from collections.abc import Sequence
-from math import asin, atan2, cos, pi, sin, tan
+from math import asin, atan, atan2, cos, pi, sin, tan
 from typing import NewType
 
 from circnav_mav.guidance.types import TurnRate
@@ -55,6 +55,22 @@ def level_from_body(force: tuple[float, float, float], roll: float, pitch: float
     """
     x, y, z = force
     return cos(pitch) * x + sin(pitch) * (sin(roll) * y + cos(roll) * z), cos(roll) * y - sin(roll) * z
+
+
+def drag_from_body(force: tuple[float, float], roll: float, pitch: float) -> tuple[float, float]:
+    """Return the horizontal drag (forward, left of the nose, m/s^2) of a multicopter.
+
+    force: specific force along the body's forward and right axes, m/s^2, which contains no thrust. roll, pitch: rad.
+    """
+    forward = force[0] / cos(pitch)
+    right = (force[1] - sin(roll) * sin(pitch) * forward) / cos(roll)
+    return forward, -right
+
+
+def pitch_from_push(push: float) -> float:
+    """Return the pitch (nose up positive, rad) of a thrust that balances the weight and pushes forward by `push`,
+    m/s^2."""
+    return -atan(push / GRAVITY)
 
 
 def body_from_level(forward: float, right: float, roll: float, pitch: float) -> tuple[float, float, float]:

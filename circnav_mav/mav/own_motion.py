@@ -5,7 +5,7 @@ VFR_HUD (except its ground speed) and the IMU messages. A value that is missing 
 """
 
 from collections import deque
-from math import cos, hypot, nan, remainder, sin, tan, tau
+from math import cos, exp, hypot, nan, remainder, sin, tan, tau
 from typing import NamedTuple
 
 from circnav_mav.guidance.types import IntegratedAcceleration, OwnMotion
@@ -14,6 +14,7 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import (
     GRAVITY,
     YawRate,
+    drag_from_body,
     euler_from_quaternion,
     heading_enu_from_yaw_ned,
     left_bank_from_roll,
@@ -56,6 +57,8 @@ LONGEST_STEP = 0.2
 """Longest gap between two accelerations, s, that is integrated over: 5 Hz. After a longer one the integral restarts."""
 OLDEST_ATTITUDE = 0.2
 """Oldest attitude, s, used to rotate accelerations to the horizontal."""
+FORCE_SMOOTHING = 0.1
+"""Time constant of the low-pass on the specific force, s: vibration between two attitudes is averaged."""
 MOST_FORCE = 16 * GRAVITY
 """Full scale of autopilots' accelerometers, m/s^2."""
 OTHER_SOURCE = 2.0
@@ -221,7 +224,9 @@ class OwnMotionSensor:
             turn = turn_rate_from_yaw_rate(YawRate(GRAVITY * tan(roll) / max(airspeed, 1.0)))
             above = pitch - (self.at(now).climb or 0.0) / max(airspeed, 1.0)
             return own._replace(bank_turn=turn, bank=left_bank_from_roll(roll), pitch=above)
-        return own._replace(push=push_from_tilt(roll, pitch, psi))
+        force = self._accelerations.across_thrust(now)
+        drag = None if force is None else drag_from_body(force, roll, pitch)
+        return own._replace(push=push_from_tilt(roll, pitch, psi), drag=drag)
 
     def at(self, now: float) -> Motion:
         """Return the motion at this time, stale values as None."""
@@ -262,6 +267,7 @@ class Accelerations:
     def __init__(self) -> None:
         self._type, self._received_at, self._time = "", float("-inf"), float("-inf")
         self.felt: IntegratedAcceleration | None = None
+        self._across: tuple[float, float] | None = None
 
     def receive(self, message: Message, attitude: Attitude | None, now: float) -> None:
         """Process one message of the vehicle. Messages without accelerations are ignored."""
@@ -276,6 +282,7 @@ class Accelerations:
         time = message.time_boot_ms / 1e3 if kind == "SCALED_IMU" else message.time_usec / 1e6
         step, self._time = time - self._time, time
         sound = 0 <= step <= LONGEST_STEP and all(abs(value) < MOST_FORCE for value in force)  # false for NaN
+        self._smooth(force, step, sound=sound)
         if not sound or attitude is None or abs(time - attitude.time) > OLDEST_ATTITUDE:
             self.felt = None
             return
@@ -283,3 +290,22 @@ class Accelerations:
         ax, ay = vector_from_level(*level_from_body(force, roll, pitch), heading_enu_from_yaw_ned(yaw))
         was = self.felt or IntegratedAcceleration(0.0, 0.0, now)
         self.felt = IntegratedAcceleration(was.x + ax * step, was.y + ay * step, was.since)
+
+    def across_thrust(self, now: float) -> tuple[float, float] | None:
+        """Return the low-passed specific force along the body's forward and right axes, m/s^2. Return None without a
+        recent measurement."""
+        return self._across if now - self._received_at <= ATTITUDE_MAX_AGE else None
+
+    def _smooth(self, force: tuple[float, float, float], step: float, *, sound: bool) -> None:
+        """Update `across_thrust` by a measurement `step` s after the one before."""
+        before = self._across
+        if not sound:
+            self._across = None
+        elif before is None:
+            self._across = force[:2]
+        else:
+            share = 1 - exp(-step / FORCE_SMOOTHING)
+            self._across = (
+                before[0] + (force[0] - before[0]) * share,
+                before[1] + (force[1] - before[1]) * share,
+            )

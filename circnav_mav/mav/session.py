@@ -141,6 +141,15 @@ class Session:
             self._replies.append(dialect.MAVLink_timesync_message(int(now * 1e9) or 1, message.ts1))
         return True
 
+    def change_method(self, adapter: Autopilot) -> None:
+        """Steer the pinned vehicle by another method from now on. Until its new guided mode is reported, the old one
+        is under our control, too."""
+        adapter.our_modes = frozenset((adapter.guided_mode, self.adapter.guided_mode))
+        self.identity.adapter = adapter
+        self.vehicle.change_method(adapter)
+        if adapter.echo is not None:
+            self.commands.send(Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (adapter.echo, 1e6 / ECHO_RATE)))
+
     def lose(self) -> None:
         """Release the pinned vehicle after it has become silent."""
         self.vehicle.lost()

@@ -92,7 +92,7 @@ def _velocity_within(message: Message, limits: Limits) -> bool:
 
 def _attitude_within(message: Message, limits: Limits) -> bool:
     roll, pitch, _ = euler_from_quaternion(message.q)
-    level = abs(roll) <= limits.max_bank * SLACK + 1e-6 and abs(pitch) <= MAX_PITCH * SLACK + 1e-6
+    level = abs(roll) <= limits.max_bank * SLACK + 1e-6 and abs(pitch) <= max(MAX_PITCH, limits.max_bank) * SLACK + 1e-6
     turns_only = abs(sum(part**2 for part in message.q) - 1) < 1e-3
     return bool(level and turns_only and 0 <= message.thrust <= 1)
 

@@ -71,7 +71,7 @@ class VehicleState:
     @property
     def in_our_mode(self) -> bool:
         """True if the vehicle follows setpoints: it is armed and reports the guided mode."""
-        return self.armed and self.mode == self._adapter.guided_mode
+        return self.armed and self.mode in self._adapter.our_modes
 
     @property
     def mode_name(self) -> str:
@@ -85,6 +85,10 @@ class VehicleState:
         """Prepare for a vehicle that was found, for the first time or again."""
         self._adapter, self.on_ground = adapter, None
         self.moved()
+
+    def change_method(self, adapter: Autopilot) -> None:
+        """Prepare for another steering method of the same vehicle."""
+        self._adapter = adapter
 
     def moved(self) -> None:
         """Prepare for messages of the vehicle from another address, possibly by another route."""
@@ -157,13 +161,13 @@ class VehicleState:
         """Store the mode and armed state, and count a departure from the guided mode."""
         self.received_at = now
         # A reordered report may end our control, but never start it: the operator may have taken over meanwhile.
-        if self._late and not self.in_our_mode and armed and mode == self._adapter.guided_mode:
+        if self._late and not self.in_our_mode and armed and mode in self._adapter.our_modes:
             return
         was_ours, self._lost_ours = self.in_our_mode or self._lost_ours, False
         self.mode, self.armed = mode, armed
         if was_ours and not self.in_our_mode:
             self.departures += 1
-            self.left_for = None if mode == self._adapter.guided_mode else self.mode_name
+            self.left_for = None if mode in self._adapter.our_modes else self.mode_name
 
     def _on_boot_time(self, stamp: float, now: float) -> None:
         """Count a backward step of the time since boot as a reboot, but not its wrap after 49.7 days.

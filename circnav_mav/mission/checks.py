@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from math import ceil, degrees, floor, inf, isfinite, pi
+from math import atan, ceil, degrees, floor, inf, isfinite, pi
 
 from circnav_mav.extension import extensions, load
 from circnav_mav.guidance.circle_change import LAPS
@@ -11,6 +11,7 @@ from circnav_mav.guidance.margin import DESIGN_DRIFT, drift_with_margin, radius_
 from circnav_mav.guidance.turn_answer import MEASUREMENT_DELAY
 from circnav_mav.guidance.watches import MOST_TRIM
 from circnav_mav.mav.autopilots.interface import FOLLOWED
+from circnav_mav.mav.frames import GRAVITY
 from circnav_mav.mav.autopilots.table import REFUSED, allowed
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check, graded
 from circnav_mav.mav.ranging.driver import split_driver
@@ -22,6 +23,8 @@ WEAK = 0.1
 """Share of the default gain below which a law hardly turns the vehicle."""
 RADIUS_OFF = 0.01
 """Steady radius error of a law from which `check` warns, as a share of the radius: less than the ranges scatter."""
+TILT_USED = 0.8
+"""Share of the tilt limit that the airspeed may need: the drag is known within a quarter before a flight."""
 TURN_USED = 0.7
 """Share of the vehicle's turn rate that the circle may need. The remaining share is for wind and the approach."""
 NEED_MOTION = frozenset({"drift", "unicycle"})
@@ -33,7 +36,7 @@ DRIFT_LAWS = frozenset({"auto", "drift"})
 def check_mission(mission: Mission) -> list[Check]:
     """Return all check lines of a mission."""
     parts = (
-        *(_keys, _vehicle, _estimator, _gain, _trim, _radius, _turn_rate, _acceleration),
+        *(_keys, _vehicle, _tilt, _estimator, _gain, _trim, _radius, _turn_rate, _acceleration),
         *(check_ranging, _drift, _margin, _signing),
     )
     lines = [line for part in parts for line in _of_circles(mission, part)]
@@ -82,6 +85,25 @@ def _vehicle(mission: Mission) -> Iterator[Check]:
             if one.why_no_stop:
                 words = f"exit.action must command a mode, choose {', '.join(one.exits)}"
                 yield Check(FAIL, "exit", f"{one.why_no_stop}: {words}")
+
+
+def _tilt(mission: Mission) -> Iterator[Check]:
+    """Check that the tilt limit of a copter flown by attitude suffices for its airspeed and its turns."""
+    by_attitude = any(one.airspeed_from_drag for one in mission.vehicles)
+    if not by_attitude and not mission.flies_without_gps:
+        return
+    vehicle = mission.file.vehicle
+    most = vehicle.max_bank_deg or 0.0
+    needed = degrees(atan(vehicle.drag_per_s * vehicle.speed_mps / GRAVITY))
+    lateral = degrees(atan(mission.orbit.speed * abs(mission.orbit.steady_turn_rate) / GRAVITY))
+    when = "" if by_attitude else "after a loss of GPS, "
+    words = (
+        f"{when}{vehicle.speed_mps:g} m/s through the air needs {needed:.0f} deg of forward tilt and {lateral:.0f} deg "
+        f"of roll of the {most:g} deg allowed (vehicle.drag_per_s = {vehicle.drag_per_s:g})"
+    )
+    share = max(needed, lateral) / most
+    advice = "" if share < TILT_USED else ": lower vehicle.speed_mps or raise vehicle.max_bank_deg"
+    yield Check(graded(share, warn_above=TILT_USED, fail_above=1.0), "tilt", words + advice)
 
 
 def _estimator(mission: Mission) -> Iterator[Check]:

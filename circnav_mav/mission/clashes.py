@@ -44,7 +44,14 @@ def _of_range_rate(file: MissionFile) -> Iterator[str]:
 def _of_vehicle(file: MissionFile) -> Iterator[str]:
     vehicle = file.vehicle
     rows = allowed(*table_key(vehicle.autopilot, vehicle.kind, vehicle.method)).values()
-    if vehicle.max_bank_deg is None and any(row.banks for row in rows):
+    by_attitude = any(row.airspeed_from_drag for row in rows)
+    if file.engage.on_gps_loss == "attitude":
+        if not any(row.without_gps for row in rows):
+            yield 'engage.on_gps_loss: is "attitude", which only an ArduPilot copter in GUIDED can fly: omit it'
+        by_attitude = True
+    if vehicle.max_bank_deg is None and by_attitude:
+        yield "vehicle.max_bank_deg: missing, the tilt limit of a copter flown by attitude: add it"
+    elif vehicle.max_bank_deg is None and any(row.banks for row in rows):
         yield f"vehicle.max_bank_deg: missing, a {vehicle.kind} turns by banking: add its limit"
     elif vehicle.max_bank_deg is None and vehicle.max_turn_rate_deg_s is None:
         yield "vehicle.max_turn_rate_deg_s: missing, add it"

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from math import inf, radians, tan
 
+from circnav_mav.guidance.air_drag import SCALE_BOUNDS, SCALE_SIGMA, coefficient_at
 from circnav_mav.guidance.circle_change import CircleLimits
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.table import default_estimator
@@ -34,6 +35,8 @@ SLOWEST_ANSWER = 1.2
 LONGEST_OUTAGE = 60.0
 """Time, s, after the loss of the link at which the mission ends unless the vehicle is steered again. A longer
 `limits.hold_s` is used instead."""
+UNAIDED_ACCELERATION_BIAS = 0.5
+"""Error of the accelerations of a copter without GPS, m/s^2: its attitude is wrong by 3 degrees in turns."""
 SIM = "sim"
 """Endpoint of the bundled vehicle."""
 
@@ -101,8 +104,26 @@ class Mission:
     def estimation(self) -> EstimatorSettings:
         """Settings of the estimator."""
         settings = EstimatorSettings(self.orbit.speed, self.orbit.max_turn_rate)
+        if any(vehicle.airspeed_from_drag for vehicle in self.vehicles):
+            return self._estimation_by_drag
         sigma = next((vehicle.ground_speed_sigma for vehicle in self.vehicles), None)
         return settings if sigma is None else replace(settings, drift_sigma=0.1, scale_sigma=sigma)
+
+    @property
+    def _estimation_by_drag(self) -> EstimatorSettings:
+        """Settings of the estimator for a copter whose accelerometer measures its airspeed."""
+        return EstimatorSettings(
+            self.orbit.speed,
+            self.orbit.max_turn_rate,
+            scale_sigma=SCALE_SIGMA,
+            scale_bounds=SCALE_BOUNDS,
+            acceleration_bias=UNAIDED_ACCELERATION_BIAS,
+        )
+
+    @property
+    def flies_without_gps(self) -> bool:
+        """True if the flight continues by attitude setpoints after a loss of GPS."""
+        return self.file.engage.on_gps_loss == "attitude"
 
     @property
     def height(self) -> HeightSettings:
@@ -187,6 +208,7 @@ class Mission:
                 speed=file.vehicle.speed_mps,
                 max_bank=radians(file.vehicle.max_bank_deg or 0.0),
                 trim_thrust=file.vehicle.loops.trim_thrust,
+                drag=coefficient_at(file.vehicle.drag_per_s, file.vehicle.speed_mps),
             ),
             bounds=Bounds(
                 closest=file.bounds.min_range_m,
@@ -223,6 +245,8 @@ class Mission:
             tuning=self.tuning,
             later_radii=self.radii[1:],
             unsigned_parameters=file.link.unsigned_parameters,
+            flies_without_gps=self.flies_without_gps,
+            estimation_without_gps=self._estimation_by_drag,
             circle_limits=self._circle_limits(),
         )
 

@@ -138,6 +138,7 @@ class VehicleTable(Table):
     max_turn_rate_deg_s: Positive | None = None
     max_bank_deg: Annotated[float, Field(gt=0, le=75)] | None = None  # at 75 a level turn pulls 3.9 g
     turn_lag_s: Annotated[float, Field(ge=0, le=MAX_TURN_LAG)] = 0.4
+    drag_per_s: Annotated[float, Field(ge=0.05, le=2.0)] = 0.35
     turn_gain: Literal["learn"] | Annotated[float, Field(ge=0.5, le=1.5)] = "learn"
     system_id: SystemId | None = None
     loops: LoopsTable = LoopsTable()
@@ -224,6 +225,7 @@ class EngageTable(Table):
 
     request_mode: bool = False
     on_takeover: Literal["end", "wait"] = "end"
+    on_gps_loss: Literal["exit", "attitude"] = "exit"
 
 
 class LimitsTable(Table):

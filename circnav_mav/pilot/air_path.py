@@ -1,5 +1,6 @@
 """The vehicle's motion through the air: from telemetry to the estimators and to the learning of its turn response."""
 
+from circnav_mav.guidance.air_drag import AirVelocity, MeanWind, ScaleFit
 from circnav_mav.guidance.side_slip import SideSlip
 from circnav_mav.guidance.types import OwnMotion
 from circnav_mav.guidance.velocity_loop import CopterMotion
@@ -14,7 +15,8 @@ class AirPath:
     """Passes the motion of the vehicle to tracker and controller.
 
     own: newest motion through the air, or None before an attitude was received. implausible_airspeed: measured airspeed
-    (m/s) that is ignored, or None while it is plausible.
+    (m/s) that is ignored, or None while it is plausible. scale_fit, wind: airspeed scale of the accelerometer, and
+    wind, learned while a copter holds its speed over the ground.
     """
 
     def __init__(self, session: Session, tracker: RangeTracker, controller: Controller) -> None:
@@ -22,6 +24,9 @@ class AirPath:
         self._copter_motion, self._side_slip = CopterMotion(), SideSlip()
         self.own: OwnMotion | None = None
         self.implausible_airspeed: float | None = None
+        self.air = AirVelocity()
+        self.scale_fit = ScaleFit()
+        self.wind = MeanWind()
 
     def receive(self, message: Message, now: float, *, steering: bool, flies: bool) -> None:
         """Process a message of the vehicle. Update the height and, if the message is an attitude, the turn response
@@ -38,10 +43,19 @@ class AirPath:
             return
         if not adapter.flies:  # a rover tilts with the ground: its tilt shows no acceleration
             own = own._replace(push=None)
+        if own.drag is not None:
+            self.air = self.air.follow(own, controller.drag_coefficient)
+        if adapter.airspeed_from_drag:
+            own = self._through_air(own, steering=steering)
+        elif own.drag is not None:
+            self.scale_fit = self.scale_fit.follow(own, self.air)
+            if steering and controller.at_speed:
+                self.wind = self.wind.follow(own, self.air, self.scale_fit.scale)
         # ArduPilot's copters and rovers hold the commanded speed over ground. Their accelerations show how the velocity
         # follows the nose. Guidance would compensate this as drift: the emulated copter swung until its gains were
         # lowered. For PX4's copter, the model of its velocity loop (below) computes how the velocity follows.
-        if not adapter.measures_airspeed and adapter.velocity_loop is None:
+        holds_ground_speed = not adapter.measures_airspeed and not adapter.airspeed_from_drag
+        if holds_ground_speed and adapter.velocity_loop is None:
             own = own._replace(felt=None)
         if adapter.velocity_loop is not None and steering:
             self._copter_motion, own = self._copter_motion.follow(own, adapter.velocity_loop)
@@ -54,8 +68,18 @@ class AirPath:
         # A vehicle without an airspeed sensor has the commanded airspeed while it follows its commands. In a dry run
         # another program commands it: assume this speed while it turns as our commands would turn it.
         follows = controller.at_speed if flies else controller.followed
-        if adapter.measures_airspeed or (steering and follows):
+        if not holds_ground_speed or (steering and follows):
             self._tracker.estimator.move(own)
+
+    def _through_air(self, own: OwnMotion, *, steering: bool) -> OwnMotion:
+        """Return the motion of a copter flown by attitude, as the accelerometer measures it, and update the hold of its
+        airspeed."""
+        controller = self._controller
+        if own.drag is not None and steering:
+            controller.airspeed_hold.follow(self.air, controller.speed, self._tracker.trusted_scale)
+        # The tilt balances the drag. It is no evidence of a lean limit.
+        own = own._replace(push=None)
+        return own if own.drag is None else self.air.motion(own)
 
     def _airspeed(self, now: float) -> float:
         """Return the true airspeed, m/s: measured where possible, else the commanded speed."""

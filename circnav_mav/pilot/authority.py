@@ -199,7 +199,7 @@ class Authority:
         ours = self.holder is Holder.US or self._mission.phase not in (Phase.WAIT_LINK, Phase.YIELDED)
         departed, self._departures = vehicle.departures > self._departures, vehicle.departures
         self.rebooted, self._reboots = vehicle.reboots > self._reboots, vehicle.reboots
-        outside = session.up and vehicle.mode is not None and vehicle.mode != session.adapter.guided_mode
+        outside = session.up and vehicle.mode is not None and vehicle.mode not in session.adapter.our_modes
         left_for = vehicle.mode_name if outside else vehicle.left_for if departed else None
         in_mode = vehicle.in_our_mode and not departed
         if self._asked_in is not None:

@@ -201,6 +201,12 @@ TABLE = (
         "range_rate_dropped", lambda p, now: p.tracker.rates.trouble,
         short="range rate wrong, not used", over="range rate used again", long="RANGE RATE NOT USED: {found}",
     ),
+    Condition(
+        "gps_lost",
+        lambda p, now: p.gps_loss.changed_at is not None and [p.gps_loss.failure or "the autopilot holds no place now"],
+        long="GPS LOST: flown by attitude, {found[0]}. At the end the exit action is {p.exit_name}; without setpoints the "
+        "copter levels and drifts with the wind",
+    ),
     NOT_FOLLOWING,
     LIMIT_CYCLE,
     Condition(

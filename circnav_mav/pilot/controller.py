@@ -3,6 +3,7 @@
 from dataclasses import replace
 from math import ceil
 
+from circnav_mav.guidance.air_drag import AirspeedHold
 from circnav_mav.guidance.circle_change import MIN_INTERVAL, NEAR, SPEED_SHARE, CircleRequest, LapCounter, obstacle
 from circnav_mav.guidance.closed_loop import ClosedLoop
 from circnav_mav.guidance.laws import LAWS
@@ -67,6 +68,9 @@ class Controller:
         """Limit of a copter's lean, measured in flight, and the speed that it allows."""
         self.drag = 0.0
         """Drag coefficient of a copter, 1/s, measured in flight."""
+        self.drag_coefficient = facts.drag
+        """Coefficient of `air_drag` from the mission, 1/s."""
+        self.airspeed_hold = AirspeedHold(facts.drag)
 
     @property
     def orbit(self) -> Orbit:
@@ -181,14 +185,23 @@ class Controller:
         state = self._state(session, now, engaged=engaged)
         return self._guard.check_message(session.adapter.safe_setpoint(state, now), session.adapter.shapes)
 
+    def hold_airspeed(self, scale: float) -> None:
+        """Hold the airspeed from now on, where the autopilot held the speed over the ground before."""
+        self.airspeed_hold.reset(scale)
+        self.lean = LeanLimit()
+
     def disengage(self) -> None:
         """End the stream of setpoints. The next setpoint starts a new stream, at a new height."""
         self._loop.reset()
         self._height = None
+        self.airspeed_hold.reset(self.airspeed_hold.scale)
 
     def _state(self, session: Session, now: float, *, engaged: bool) -> SetpointContext:
         """Return the context of a setpoint for the adapter. The height to hold is that of the engagement."""
         motion = session.motion.at(now)
         if engaged and self._height is None:
             self._height = motion.altitude
-        return SetpointContext(*session.vehicle_ids, motion=motion, height=self._height, drag=self.drag)
+        push = self.airspeed_hold.push(self.speed)
+        return SetpointContext(
+            *session.vehicle_ids, motion=motion, height=self._height, drag=self.drag, push=push
+        )

@@ -60,7 +60,7 @@ class ExitAction:
     def go_on(self, session: Session, since: float, now: float) -> bool:
         """Request the exit action. since: beginning of the phase LEAVING, s. Return True if the safe setpoint of this
         step is the last one."""
-        action = self._named(session)
+        action = self.named(session)
         self._safe_left -= 1
         if action == STOP_SENDING:
             return self._safe_left <= 0
@@ -81,10 +81,14 @@ class ExitAction:
 
     def at_once(self, session: Session) -> list[Message]:
         """Return the request of the exit action, for a caller that does not read the answer."""
-        action = self._named(session)
+        action = self.named(session)
         if action == STOP_SENDING:
             return []
         return [once(session.adapter.request_mode(session.adapter.exits[action]), session.vehicle_ids)]
 
-    def _named(self, session: Session) -> str:
-        return self.action or session.adapter.default_exit
+    def named(self, session: Session) -> str:
+        """Return the exit action of the mission, or the default if the vehicle cannot perform it: a copter that has
+        lost its GPS cannot hold a place or fly home."""
+        adapter = session.adapter
+        possible = self.action in adapter.exits or (self.action == STOP_SENDING and not adapter.why_no_stop)
+        return self.action if self.action is not None and possible else adapter.default_exit

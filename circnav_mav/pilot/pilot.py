@@ -30,6 +30,7 @@ from circnav_mav.pilot.authority import SILENT, Allowed, Authority
 from circnav_mav.pilot.conditions import NOT_FOLLOWING, Conditions
 from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.controller import Controller
+from circnav_mav.pilot.gps_loss import GpsLoss
 from circnav_mav.pilot.mission_state import NO_FAILURE, Ending, Event, MissionState, Outcome, Phase
 from circnav_mav.pilot.mode_request import ExitAction
 from circnav_mav.pilot.parameters import flight_parameters
@@ -90,6 +91,7 @@ class Pilot:
         self._records: list[TickRecord] = []
         self._frames: list[bytes] = []
         self.path: AirPath = AirPath(session, self.tracker, self.controller)
+        self.gps_loss: GpsLoss = GpsLoss(settings, session, self.tracker, self.controller, self.path)
         self.conditions = Conditions(self)
         self.estimate: RangeEstimate | None = None
         """Estimate used by the newest step."""
@@ -104,6 +106,7 @@ class Pilot:
         for message, of_vehicle, of_ranging in self.connection.receive(data, now, source, link):
             if of_vehicle:
                 self.path.receive(message, now, steering=self.mission.steering, flies=self.flies)
+                self.gps_loss.receive(message, now)
                 self.second_controller.receive(message, now)
             elif link == VEHICLE and message.get_msgId() in REQUESTS:
                 self._take_parameter_request(message, now, source)
@@ -172,6 +175,7 @@ class Pilot:
         self.mission.started = now if self.mission.started is None else self.mission.started
         self._watch_link(now)
         self._watch_takeover(now)
+        self._watch_gps(now)
         if (outcome := self.status.overdue(now)) is not None:
             self._finish(outcome, now)
         estimate = self.tracker.estimator.at(now)
@@ -180,6 +184,7 @@ class Pilot:
         self._watch_ranging(estimate, now)
         self._watch_engagement(now)
         desired, self.estimate = self.controller.circle.radius, estimate
+        self.tracker.estimate = estimate
         command = self.controller.command(self.mission.phase, estimate, self.session.timesync.worst, now)
         message, yaw_rate = self._setpoint(command, now)
         phase, was_sent = self.mission.phase, False
@@ -233,6 +238,14 @@ class Pilot:
         self._say("yield", what, severity=MAV_SEVERITY_WARNING)
         if self.settings.end_on_takeover:
             self._finish(outcome, now)
+
+    def _watch_gps(self, now: float) -> None:
+        """Continue by attitude setpoints if a steered copter has lost its GPS."""
+        if not (self.flies and self.mission.steering):
+            return
+        if text := self.gps_loss.step(now):
+            self.second_controller = SecondController(self.session, self.mission)
+            self._say("gps", text, severity=MAV_SEVERITY_WARNING)
 
     def _watch_bounds(self, estimate: RangeEstimate | None, now: float) -> None:
         """End the flight if a bound is violated while steering, or if another companion uses our MAVLink ids."""
@@ -379,6 +392,11 @@ class Pilot:
     def done(self) -> bool:
         """True if the mission is over and nothing more will be sent."""
         return self.mission.phase is Phase.ENDED
+
+    @property
+    def exit_name(self) -> str:
+        """Exit action that the vehicle can perform now."""
+        return self._exit_action.named(self.session)
 
     @property
     def own(self) -> OwnMotion | None:

@@ -59,6 +59,8 @@ class RangeTracker:
         """Newest ranges added to the estimator."""
         self.newest_rate: RateSample | None = None
         self.fresh = False
+        self.estimate: RangeEstimate | None = None
+        """Estimate of the newest step."""
         self.accepted = 0
         self._stale_at = float("-inf")
 
@@ -125,6 +127,12 @@ class RangeTracker:
             return None
         lately = [one.r for one in list(self.recent)[-3:] if self.newest.time - one.time <= JUMPED_FOR]
         return self.newest._replace(r=median(lately))
+
+    @property
+    def trusted_scale(self) -> float | None:
+        """Airspeed scale of the newest estimate, or None while it is not trusted."""
+        relative = self.estimate.relative if self.estimate is not None else None
+        return relative.scale if relative is not None and relative.trusted else None
 
     @property
     def one_way(self) -> float:

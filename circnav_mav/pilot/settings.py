@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from circnav_mav.guidance.circle_change import CircleLimits
+from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.tuning import LawTuning
 from circnav_mav.guidance.types import Orbit
 from circnav_mav.guidance.watches import Bounds
@@ -55,7 +56,8 @@ class PilotSettings:
     are byte streams (TCP, serial), not datagrams. unsigned_links: links on which unsigned frames are accepted
     despite a signing key. height: height above the target. later_radii: radii of the circles after the first, m.
     circle_limits: limits of a change of the circle. unsigned_parameters: accept PARAM_SET on a link that is not
-    signed.
+    signed. flies_without_gps: continue by attitude setpoints if the GPS is lost. estimation_without_gps: settings of the
+    estimator from then on.
     """
 
     orbit: Orbit
@@ -81,6 +83,8 @@ class PilotSettings:
     height: HeightSettings = field(default_factory=HeightSettings)
     later_radii: tuple[float, ...] = ()
     unsigned_parameters: bool = False
+    flies_without_gps: bool = False
+    estimation_without_gps: EstimatorSettings = field(default_factory=lambda: EstimatorSettings(5.0, 0.5))
 
     @property
     def circles(self) -> str:

@@ -21,7 +21,8 @@ class EstimatorSettings:
     speed: V, m/s. max_turn_rate: rad/s. gate: innovation gate in standard deviations. restart_after: consecutive
     samples outside the gate, consistent with each other, that restart the filter. min_samples: fewest samples before
     the estimate may steer. drift_sigma: typical drift, as a share of V. The drift of a vehicle that holds its ground
-    speed is the target's motion alone. scale_sigma: standard deviation of true over measured airspeed.
+    speed is the target's motion alone. scale_sigma: standard deviation of true over measured airspeed. scale_bounds: its
+    bounds. acceleration_bias: standard deviation of the lasting error of measured accelerations, m/s^2.
     """
 
     speed: float
@@ -31,6 +32,26 @@ class EstimatorSettings:
     min_samples: int = 5
     drift_sigma: float = 0.2
     scale_sigma: float = 0.05
+    scale_bounds: tuple[float, float] = (0.85, 1.15)
+    acceleration_bias: float = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class MethodChange:
+    """Change of the reported motion of a copter from motion over the ground to motion through the air.
+
+    wind: of the air over the ground, m/s, x and y.
+    wind_sigma: its standard deviation, m/s.
+    scale: true over measured airspeed from now on.
+    scale_sigma: its standard deviation.
+    settings: of the vehicle from now on.
+    """
+
+    wind: tuple[float, float]
+    wind_sigma: float
+    scale: float
+    scale_sigma: float
+    settings: EstimatorSettings
 
 
 class Estimator(Protocol):
@@ -56,6 +77,11 @@ class Estimator(Protocol):
 
     def at(self, time: float) -> RangeEstimate | None:
         """Return the estimate predicted to a time of the local clock (s), or None before the first sample."""
+
+    def fly_through_air(self, change: "MethodChange") -> None:
+        """Continue with own motion through the air, where it was over the ground before. Estimators without own motion
+        ignore it."""
+        return
 
     def restamp(self) -> None:
         """Handle a jump of the sensor's clock. Estimators that use its timestamps start again."""

@@ -18,8 +18,17 @@ import numpy as np
 
 from circnav_mav.guidance.estimators import relative_ekf as ekf
 from circnav_mav.guidance.estimators.acquisition import DRIFT_MOST, Acquisition, Prior
-from circnav_mav.guidance.estimators.interface import EstimatorSettings
-from circnav_mav.guidance.estimators.relative_ekf import STATES, THETA, Hypotheses, Noise, R, Rates, VelocityChange
+from circnav_mav.guidance.estimators.interface import EstimatorSettings, MethodChange
+from circnav_mav.guidance.estimators.relative_ekf import (
+    KAPPA,
+    STATES,
+    THETA,
+    Hypotheses,
+    Noise,
+    R,
+    Rates,
+    VelocityChange,
+)
 from circnav_mav.guidance.maths import Batch
 
 
@@ -74,7 +83,8 @@ class MultipleModelFilter:
         models = np.array(MODELS)
         models[:, 1:3] *= settings.speed
         psd, gust, nose, acceleration_weight, white, drifting = models.T[..., None]
-        self.noise = Noise(psd, gust, white, drifting, nose, acceleration_weight)
+        bounds, bias = settings.scale_bounds, settings.acceleration_bias
+        self.noise = Noise(psd, gust, white, drifting, nose, acceleration_weight, bounds, bias)
         self._uses_accelerations = self.noise.acceleration_weight[:, 0] > 0
         self._assumptions = np.hstack([self.noise.drift_psd, self.noise.gust, self.noise.acceleration_weight]).T
         self.stage = np.full(flights, Stage.EMPTY)
@@ -104,6 +114,27 @@ class MultipleModelFilter:
     def remembers(self) -> bool:
         """True if the search has a prior of the drift."""
         return self._search.remembers
+
+    def tracked_from(self, before: "MultipleModelFilter", change: MethodChange) -> None:
+        """Continue the tracks of another filter, whose own motion was over the ground, with motion through the air."""
+        mean, covariance = before.mean.copy(), before.covariance.copy()
+        mean[ekf.DX] += change.wind[0]
+        mean[ekf.DY] += change.wind[1]
+        mean[KAPPA] = change.scale
+        covariance[KAPPA] = covariance[:, KAPPA] = 0.0
+        covariance[KAPPA, KAPPA] = change.scale_sigma**2
+        covariance[ekf.DX, ekf.DX] += change.wind_sigma**2
+        covariance[ekf.DY, ekf.DY] += change.wind_sigma**2
+        for error in (ekf.FORWARD, ekf.LEFT):
+            covariance[error] = covariance[:, error] = 0.0
+            covariance[error, error] = change.settings.acceleration_bias**2
+        at = np.flatnonzero(before.stage == Stage.TRACKING)
+        self.trusted[at] = before.trusted[at]
+        self._tracks = _copies(mean[:, at], covariance[..., at])
+        self._tracking = at
+        self._store(at, mean[:, at], covariance[..., at])
+        self._assume()
+        self.stage[at] = Stage.TRACKING
 
     def step(self, *received: Any) -> None:
         """Run `observe`, then `search`."""
@@ -169,7 +200,7 @@ class MultipleModelFilter:
             heaviest = (h.log_weight.argmax(axis=0), np.arange(at.size))
             self._count(of, nis[heaviest], taken[heaviest], valid)
         if rates is not None and rates.valid.any():
-            h = ekf.update_rate(h, rates, self._settings.gate)
+            h = ekf.update_rate(h, self.noise, rates, self._settings.gate)
         mean, covariance = ekf.mixture(h)
         self._store(of, mean, covariance)
         self._tracks = _revive(h, self._uses_accelerations, mean, covariance)
@@ -230,7 +261,7 @@ class MultipleModelFilter:
         mean[known], covariance[known, known] = x, P
         covariance[ekf.B, ekf.B] = (0.5 * sigma[at]) ** 2
         covariance[ekf.GX, ekf.GX] = covariance[ekf.GY, ekf.GY] = (0.02 * self._settings.speed) ** 2
-        covariance[ekf.FORWARD, ekf.FORWARD] = covariance[ekf.LEFT, ekf.LEFT] = ekf.ACCELERATION_BIAS**2
+        covariance[ekf.FORWARD, ekf.FORWARD] = covariance[ekf.LEFT, ekf.LEFT] = self._settings.acceleration_bias**2
         mean, covariance = ekf.polar(mean, covariance)
         both = zip(self._tracks, _copies(mean, covariance), strict=True)
         self._tracks = Hypotheses(*(np.concatenate(parts, axis=-1) for parts in both))

@@ -42,8 +42,6 @@ BIAS_TIME = 2.0
 """Correlation time of the drifting range error, s: UWB and LoRa radios show 1 to 3 s."""
 GUST_TIME = 10.0
 """Correlation time of gusts, s: their length scale near the ground, 150 to 200 m, divided by a small UAV's speed."""
-KAPPA_RANGE = (0.85, 1.15)
-"""Bounds of kappa: the largest errors of airspeed sensors. An unbounded filter can lock on to a wrong mode."""
 CLOSEST = 1.0
 """Smallest range of the state, m: the bearing is singular at the target."""
 POSITION_PSD, KAPPA_PSD = 1e-4, 1e-7
@@ -51,9 +49,8 @@ POSITION_PSD, KAPPA_PSD = 1e-4, 1e-7
 ACCELERATION_PSD = 1e-2
 """White noise of the measured acceleration, m^2/s^3: 0.3 m/s^2 in a mean over 0.1 s, from vibration and
 delayed attitudes."""
-ACCELERATION_BIAS, ACCELERATION_BIAS_PSD = 0.2, 1e-5
-"""Error of the measured acceleration: initial standard deviation, m/s^2 (1 deg of attitude causes 0.17 m/s^2), and its
-process noise, m^2/s^5."""
+ACCELERATION_BIAS_TIME = 4000.0
+"""Time, s, in which the error of the measured acceleration changes by its own standard deviation."""
 OUTLIER_SHARE, OUTLIER_SPREAD = 0.05, 100.0
 """Probability that a range is an outlier, and width of the interval over which outliers are uniform, m."""
 RATE_SPREAD = 10.0
@@ -70,7 +67,8 @@ class Noise(NamedTuple):
 
     drift_psd: spectral density of d', m^2/s^3. gust: standard deviation of each component of g, m/s. white, drifting:
     the two parts of the range error, in units of the sample's sigma. nose: standard deviation of each component of e,
-    m/s. acceleration_weight: 1 if the model uses the measured acceleration, else 0.
+    m/s. acceleration_weight: 1 if the model uses the measured acceleration, else 0. scale_bounds: bounds of kappa, an
+    unbounded filter can lock on to a wrong mode. acceleration_bias: standard deviation of f and l, m/s^2.
     """
 
     drift_psd: Array
@@ -79,6 +77,8 @@ class Noise(NamedTuple):
     drifting: Array
     nose: Array = 0.0
     acceleration_weight: Array = 0.0
+    scale_bounds: tuple[float, float] = (0.85, 1.15)
+    acceleration_bias: float = 0.2
 
 
 class VelocityChange(NamedTuple):
@@ -155,7 +155,7 @@ def predict(
     q[DX:KAPPA], q[GX:FORWARD], q[EX:] = steady, gusty, fresh
     moved += lever * q
     q[KAPPA], q[B] = KAPPA_PSD * dt, (1 - keep[B] ** 2) * (noise.drifting * sigma) ** 2
-    q[FORWARD:EX] = ACCELERATION_BIAS_PSD * dt
+    q[FORWARD:EX] = noise.acceleration_bias**2 / ACCELERATION_BIAS_TIME * dt
     wander = wandered(steady, gusty, dt) + fresh * (dt / 2) ** 2
     near[0, 0] += wander
     near[1, 1] += wander / r**2
@@ -179,6 +179,7 @@ def predict(
             near[2:, 2:],
             acceleration_noise,
             felt.change[:, None] - expected,
+            noise.scale_bounds,
         )
     return Hypotheses(x, P, h.log_weight * np.exp(-dt / WEIGHT_MEMORY))
 
@@ -199,11 +200,14 @@ def _acceleration_rows(felt: VelocityChange, keep: Batch) -> Array:
     return rows
 
 
-def _correct(x: Batch, P: Batch, acceleration_weight: Batch, C: Batch, S: Batch, noise: Batch, nu: Batch) -> None:
+def _correct(
+    x: Batch, P: Batch, acceleration_weight: Batch, C: Batch, S: Batch, noise: Batch, nu: Batch,
+    bounds: tuple[float, float],
+) -> None:  # fmt: skip
     """Correct x and P in place by two measurements, for the models that use them (`acceleration_weight`).
 
     C (2, 12, M, B): covariance of measurements and state. S (2, 2, M, B): covariance of the predicted measurements.
-    noise (M, B): variance of each measurement. nu (2, M, B): innovations.
+    noise (M, B): variance of each measurement. nu (2, M, B): innovations. bounds: of kappa.
     """
     # Solving the 2 x 2 system by its Cholesky factor keeps P symmetric.
     a = np.sqrt(S[0, 0] + noise)
@@ -215,12 +219,12 @@ def _correct(x: Batch, P: Batch, acceleration_weight: Batch, C: Batch, S: Batch,
     first = nu[0] / a
     x += gain[0] * first + gain[1] * ((nu[1] - b * first) / e)
     P -= np.einsum("ki...,kj...->ij...", gain, gain)
-    _within_bounds(x)
+    _within_bounds(x, bounds)
 
 
-def _within_bounds(x: Batch) -> None:
+def _within_bounds(x: Batch, bounds: tuple[float, float]) -> None:
     np.maximum(x[R], CLOSEST, out=x[R])
-    least, most = KAPPA_RANGE
+    least, most = bounds
     np.minimum(np.maximum(x[KAPPA], least), most, out=x[KAPPA])
 
 
@@ -264,10 +268,10 @@ def update(h: Hypotheses, noise: Noise, z: Batch, sigma: Batch, valid: Batch, ga
     """Add one range per flight, z and sigma (B,), m, where valid (B,). Each hypothesis has its own gate."""
     PH = h.P[:, R] + h.P[:, B]
     S = np.maximum(PH[R] + PH[B], 0.0) + (noise.white * sigma) ** 2
-    return _fused(h, PH, z - h.x[R] - h.x[B], S, valid, gate, OUTLIER_SPREAD)
+    return _fused(h, noise, PH, z - h.x[R] - h.x[B], S, valid, gate, OUTLIER_SPREAD)
 
 
-def update_rate(h: Hypotheses, rates: Rates, gate: float) -> Hypotheses:
+def update_rate(h: Hypotheses, noise: Noise, rates: Rates, gate: float) -> Hypotheses:
     """Add a range rate per flight: z = n.(kappa V u(psi) + d + g + e) + white noise, n = unit vector of p."""
     n, t = axes(h.x[THETA])
     vx, vy = (h.x[KAPPA] * air + d for air, d in zip(rates.air, drift(h.x), strict=True))
@@ -278,17 +282,19 @@ def update_rate(h: Hypotheses, rates: Rates, gate: float) -> Hypotheses:
     # with accelerations, the noise of the heading is a state: e
     nose = np.where(h.P[EX, EX] > 0, 0.0, NOSE * np.hypot(*rates.air)) ** 2
     S = np.maximum(sum(of * PH[state] for state, of in H), 0.0) + rates.sigma**2 + nose
-    return _fused(h, PH, rates.r_dot - along, S, rates.valid, gate, RATE_SPREAD)[0]
+    return _fused(h, noise, PH, rates.r_dot - along, S, rates.valid, gate, RATE_SPREAD)[0]
 
 
-def _fused(h: Hypotheses, PH: Batch, nu: Batch, S: Batch, valid: Batch, gate: float, spread: float) -> Updated:
+def _fused(
+    h: Hypotheses, noise: Noise, PH: Batch, nu: Batch, S: Batch, valid: Batch, gate: float, spread: float
+) -> Updated:
     """Return the hypotheses after a measurement with innovation nu of variance S. PH: covariance of states and
     measurement. spread: width of the uniform distribution of outliers."""
     nis = nu**2 / S
     taken = valid & (nis < gate**2)
     share = taken / S
     x = h.x + PH * (share * nu)
-    _within_bounds(x)
+    _within_bounds(x, noise.scale_bounds)
     learnt = PH * np.sqrt(share)  # K S K' as a product with itself stays exactly symmetric
     P = h.P - learnt[:, None] * learnt[None, :]
     fits = (1 - OUTLIER_SHARE) * np.exp(-0.5 * np.minimum(nis, 1e3)) / np.sqrt(2 * np.pi * S)

@@ -1,13 +1,18 @@
 """`drift` and `auto`: the relative-motion filters in flight, updated by ranges and own motion in order of arrival."""
 
 from dataclasses import replace
-from math import sqrt
+from math import hypot, sqrt
 
 import numpy as np
 
 from circnav_mav.guidance.estimators.acquisition import Prior
 from circnav_mav.guidance.estimators.dead_reckoning import FlownPath, PathPoint, predict_one
-from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
+from circnav_mav.guidance.estimators.interface import (
+    Estimator,
+    EstimatorSettings,
+    Fused,
+    MethodChange,
+)
 from circnav_mav.guidance.estimators.multiple_model import TRUSTED, MultipleModelFilter, Stage
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
 from circnav_mav.guidance.estimators.relative_ekf import DX, DY, KAPPA, Rates, VelocityChange, drift
@@ -61,6 +66,20 @@ class DriftEstimator(Estimator):
 
     def move(self, motion: OwnMotion) -> None:
         self._path.move(motion)
+
+    def fly_through_air(self, change: MethodChange) -> None:
+        """Continue a trusted track with the wind in its drift. A search starts again with the wind as its prior."""
+        self._settings = change.settings
+        before = self.bank
+        x, y = change.wind
+        drift_sigma = hypot(change.wind_sigma, REMEMBERED * change.settings.speed)
+        known = Prior(drift_sigma, change.scale_sigma, x, y, change.scale)
+        self.bank = MultipleModelFilter(change.settings, known=known)
+        self._lately = self._before = None
+        if before.stage[0] == Stage.TRACKING:
+            self.bank.tracked_from(before, change)
+        else:
+            self._used = None
 
     def observe(self, sample: RangeSample) -> Fused:
         point, before = self._path.at(sample.time), self._used
@@ -184,6 +203,9 @@ class AutoEstimator(Estimator):
 
     def move(self, motion: OwnMotion) -> None:
         self.drift.move(motion)
+
+    def fly_through_air(self, change: MethodChange) -> None:
+        self.drift.fly_through_air(change)
 
     def observe(self, sample: RangeSample) -> Fused:
         """Add a sample. Reject the sample only if it fits neither estimator: while the position of `drift` is wrong,

@@ -1,28 +1,49 @@
-"""ArduCopter in GUIDED."""
+"""ArduCopter in GUIDED, and in GUIDED_NOGPS without any position."""
 
-from math import ceil, degrees, floor, radians
+from math import ceil, degrees, floor, radians, remainder, tau
 from types import MappingProxyType
 
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.ardupilot import ARDUPILOT, FENCE, GCS_SYSTEM, ekf_action, gcs_failsafe
-from circnav_mav.mav.autopilots.interface import COPTER_TYPES, FOLLOWED, Autopilot, SetpointContext, body_velocity
+from circnav_mav.mav.autopilots.interface import (
+    COPTER_TYPES,
+    FOLLOWED,
+    Autopilot,
+    SetpointContext,
+    VehicleFacts,
+    attitude,
+    body_velocity,
+    tilt,
+)
 from circnav_mav.mav.autopilots.parameters import (
+    FAIL,
     PASS,
     WARN,
     Context,
     Rule,
     Verdict,
     always,
+    below,
     enough_lean,
     enough_speed,
     lean_limit,
+    mission_bank,
+    one_of,
     rule,
     timeout,
     velocity_limit,
 )
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.setpoint_guard import Steer
+
+
+MODE_NAMES = MappingProxyType(
+    {0: "STABILIZE", 2: "ALT_HOLD", 3: "AUTO", 4: "GUIDED", 5: "LOITER", 6: "RTL", 9: "LAND", 16: "POSHOLD"}
+    | {17: "BRAKE", 20: "GUIDED_NOGPS", 21: "SMART_RTL", 27: "AUTO_RTL"}
+)
+THRUST_AS_THRUST = 1 << 3
+"""Bit of GUID_OPTIONS: the thrust of an attitude setpoint is a thrust, not a climb rate."""
 
 
 def _guided_options(value: float, context: Context) -> Verdict:
@@ -53,6 +74,90 @@ def _enough_acceleration(context: Context) -> float:
     return float(max(ArduCopter.acceleration_limit[1], ceil(10 * asked / FOLLOWED) / 10))
 
 
+NEW_STREAM = 0.5
+"""Gap between two setpoints, s, after which the yaw target restarts at the present yaw."""
+YAW_LEAD = radians(20)
+"""Largest lead of the yaw target over the reported yaw, rad. A copter whose target is farther ahead turns faster than
+commanded until it has caught up."""
+
+
+def _options_without_gps(value: float, context: Context) -> Verdict:
+    if int(value) & THRUST_AS_THRUST:
+        return FAIL, "bit 3: thrust 0.5 would be half of the full thrust, not a held height: clear it"
+    return PASS, "the copter holds its height at thrust 0.5"
+
+
+def _tilt_limit(degrees_: float, context: Context) -> Verdict:
+    """Judge ANGLE_MAX, deg, which limits the tilt of attitude setpoints, too."""
+    if below(degrees_, context.max_bank_deg):
+        words = f"the copter tilts {degrees_:g} deg at most, vehicle.max_bank_deg = {context.max_bank_deg:g}"
+        return FAIL, f"{words}: lower vehicle.max_bank_deg, or raise the parameter"
+    return PASS, f"the copter may tilt {degrees_:g} deg, the mission needs {context.max_bank_deg:g}"
+
+
+class ArduCopterAttitude(Autopilot):
+    """GUIDED_NOGPS (20): attitude, for flights without any position. The autopilot holds the height.
+
+    SET_ATTITUDE_TARGET mask 7: bits 0 to 2 ignore the body rates (some but not all ignored: the message is rejected
+    and the copter levels). Bits 6 and 7 are clear, so that thrust and attitude are used. Thrust 0.5 holds the height,
+    more or less is a climb rate, unless GUID_OPTIONS has bit 3. The yaw of the quaternion is followed 0.25 s late. At
+    a constant forward tilt the copter has a constant airspeed, and the wind carries it. Without setpoints for
+    GUID_TIMEOUT (3 s) it levels, holds yaw and height, and drifts with the wind. LOITER, BRAKE and RTL require a
+    position and are refused. GUIDED follows the same messages.
+    """
+
+    MASK = 0x07
+    firmware = ARDUPILOT
+    name = "ardupilot copter without GPS"
+    bundled = ("arducopter_nogps", "arducopter")
+    vehicle_types = COPTER_TYPES
+    guided_mode = 20
+    mode_names = MODE_NAMES
+    exits = MappingProxyType({"hold": 2, "land": 9})
+    default_exit = "land"
+    shapes = frozenset({("SET_ATTITUDE_TARGET", MASK)})
+    echo = dialect.MAVLINK_MSG_ID_ATTITUDE_TARGET
+    airspeed_from_drag = True
+    parameters = (
+        rule("GUID_TIMEOUT", timeout("levels and drifts with the wind"), advised=always(3.0)),
+        rule("GUID_OPTIONS", _options_without_gps),
+        rule("FS_GCS_ENABLE", gcs_failsafe("the copter leaves GUIDED_NOGPS after 5 s (without a position it lands)")),
+        GCS_SYSTEM,
+        rule(
+            "FS_EKF_ACTION",
+            one_of({3: (FAIL, "lands even in modes without position: set 1 or 2")}, (PASS, "no action in GUIDED_NOGPS")),
+        ),
+        Rule((("ANGLE_MAX", 0.01),), _tilt_limit, optional=True, unit="deg", advised=mission_bank),
+        FENCE,
+    )
+
+    def __init__(self, facts: VehicleFacts) -> None:
+        super().__init__(facts)
+        self._yaw: float | None = None
+        """Target of the yaw, rad, NED; None before the first setpoint."""
+        self._sent_at = float("-inf")
+
+    def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
+        """Return the attitude of the coordinated turn at the held airspeed. The yaw target moves at the yaw rate."""
+        roll, pitch = tilt(steer, to.push if steer.speed > 0 else 0.0, self._facts.max_bank)
+        return attitude(self.MASK, to, now, roll=roll, pitch=pitch, yaw=self._turned(steer, to, now), thrust=0.5)
+
+    def _turned(self, steer: Steer, to: SetpointContext, now: float) -> float:
+        """Advance the yaw target to now, and return it, rad."""
+        reported = to.motion.yaw
+        step = now - self._sent_at
+        self._sent_at = now
+        if self._yaw is None or step > NEW_STREAM:
+            self._yaw = self._yaw if reported is None else reported
+            self._yaw = self._yaw or 0.0
+            return self._yaw
+        self._yaw += steer.yaw_rate * max(step, 0.0)
+        if reported is not None:
+            lead = min(max(remainder(self._yaw - reported, tau), -YAW_LEAD), YAW_LEAD)
+            self._yaw = reported + lead
+        return self._yaw
+
+
 class ArduCopter(Autopilot):
     """GUIDED (4): body velocity, lateral acceleration feed-forward and yaw rate. Needs a velocity estimate (GPS, flow).
 
@@ -67,18 +172,16 @@ class ArduCopter(Autopilot):
     MASK = 0x407
     firmware = ARDUPILOT
     name = "ardupilot copter"
-    bundled = ("arducopter", "arducopter_nogps")
+    bundled = ("arducopter",)
     vehicle_types = COPTER_TYPES
     guided_mode = 4
-    mode_names = MappingProxyType(
-        {0: "STABILIZE", 2: "ALT_HOLD", 3: "AUTO", 4: "GUIDED", 5: "LOITER", 6: "RTL", 9: "LAND", 16: "POSHOLD"}
-        | {17: "BRAKE", 20: "GUIDED_NOGPS", 21: "SMART_RTL", 27: "AUTO_RTL"}
-    )
+    mode_names = MODE_NAMES
     exits = MappingProxyType({"loiter": 5, "rtl": 6, "land": 9, "brake": 17, "hold": 2})
     default_exit = "stop"
     shapes = frozenset({("SET_POSITION_TARGET_LOCAL_NED", MASK)})
     echo = dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
     ground_speed_sigma = 0.02
+    without_gps = ArduCopterAttitude
     acceleration_limit = "WPNAV_ACCEL", 2.5
     parameters = (
         rule("GUID_TIMEOUT", timeout("brakes and hovers in GUIDED"), advised=always(3.0)),

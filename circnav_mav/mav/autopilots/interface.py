@@ -13,7 +13,13 @@ from circnav_mav.mav.autopilots.parameters import Rule
 from circnav_mav.mav.clocks import our_boot_ms
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
-from circnav_mav.mav.frames import GRAVITY, YawRate, euler_from_quaternion, quaternion_from_euler
+from circnav_mav.mav.frames import (
+    GRAVITY,
+    YawRate,
+    euler_from_quaternion,
+    pitch_from_push,
+    quaternion_from_euler,
+)
 from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.setpoint_guard import Steer
 
@@ -40,13 +46,15 @@ PLANE_TYPES = frozenset((dialect.MAV_TYPE_FIXED_WING,))
 class VehicleFacts:
     """Vehicle data from the mission.
 
-    speed: V, m/s. max_bank: rad, for vehicles that turn by banking. trim_thrust: thrust in level flight at V, 0 to 1,
-    for vehicles with thrust setpoints.
+    speed: V, m/s. max_bank: rad, for vehicles that turn by banking, and for copters flown by attitude in every
+    direction. trim_thrust: thrust in level flight at V, 0 to 1, for vehicles with thrust setpoints. drag: coefficient of
+    `guidance.air_drag`, 1/s, for copters flown by attitude.
     """
 
     speed: float
     max_bank: float = 0.7
     trim_thrust: float = 0.63
+    drag: float = 0.25
 
     def stick(self, bank: float) -> float:
         """Return the roll stick of MANUAL_CONTROL, thousandths to the right, for a bank (rad, right positive)."""
@@ -57,7 +65,8 @@ class SetpointContext(NamedTuple):
     """Target ids and vehicle state that a setpoint may use.
 
     target_system, target_component: ids of the vehicle. motion: its own motion. height: altitude to hold, m above sea
-    level, None if the vehicle holds it or it is unknown. drag: learned drag coefficient of a copter, 1/s.
+    level, None if the vehicle holds it or it is unknown. drag: learned drag coefficient of a copter, 1/s. push: forward
+    acceleration by the thrust that holds the airspeed of a copter flown by attitude, m/s^2.
     """
 
     target_system: int
@@ -65,6 +74,7 @@ class SetpointContext(NamedTuple):
     motion: Motion
     height: float | None
     drag: float = 0.0
+    push: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +126,9 @@ class Autopilot(ABC):
     """True if the vehicle must be in the air before it is engaged."""
     banks: ClassVar[bool] = False
     """True if the vehicle turns by banking. The mission must then limit the bank."""
+    airspeed_from_drag: ClassVar[bool] = False
+    """True for a copter flown by attitude: circnav holds its airspeed, which the accelerometer measures. The mission
+    must limit the tilt (vehicle.max_bank_deg)."""
     measures_airspeed: ClassVar[bool] = False
     """True if VFR_HUD.airspeed is measured. A copter without a sensor sends its ground speed there."""
     cruises: ClassVar[bool] = False
@@ -130,12 +143,17 @@ class Autopilot(ABC):
     """Smallest expected ratio of realized to commanded turn rate."""
     acceleration_limit: ClassVar[tuple[str, float] | None] = None
     """Parameter that limits the acceleration across the path, and its default, m/s^2; None without such a limit."""
+    without_gps: ClassVar["type[Autopilot] | None"] = None
+    """Adapter of the same vehicle that steers it after a loss of GPS, or None."""
     echo: ClassVar[int | None] = None
     """Id of the message in which the autopilot reports the setpoint that it uses, or None."""
 
     def __init__(self, facts: VehicleFacts) -> None:
         self._facts = facts
         self._doubts_airspeed = False
+        self.our_modes: frozenset[int] = frozenset((self.guided_mode,))
+        """Modes in which the vehicle is under our control: the guided mode. While the vehicle changes to it from
+        another one at our request, both."""
 
     @property
     def guided_name(self) -> str:
@@ -223,10 +241,27 @@ def body_velocity(
 
 
 def attitude(
-    mask: int, to: SetpointContext, now: float, *, roll: float, pitch: float = 0.0, thrust: float = 0.0
+    mask: int,
+    to: SetpointContext,
+    now: float,
+    *,
+    roll: float,
+    pitch: float = 0.0,
+    yaw: float = 0.0,
+    thrust: float = 0.0,
 ) -> Message:
-    """Return a SET_ATTITUDE_TARGET. roll, pitch: rad (right, nose up positive). thrust: 0 to 1. Rates and yaw are 0."""
-    q, rates = quaternion_from_euler(roll, pitch, 0.0), (0.0, 0.0, 0.0)
+    """Return a SET_ATTITUDE_TARGET. roll, pitch, yaw: rad, NED (right, nose up, clockwise from north). thrust: 0 to 1.
+    Body rates are 0."""
+    q, rates = quaternion_from_euler(roll, pitch, yaw), (0.0, 0.0, 0.0)
     return dialect.MAVLink_set_attitude_target_message(
         our_boot_ms(now), to.target_system, to.target_component, mask, q, *rates, thrust
     )
+
+
+def tilt(steer: Steer, push: float, most: float) -> tuple[float, float]:
+    """Return roll and pitch, rad, of a copter that is pushed forward and turns in coordination.
+
+    push: forward acceleration by the thrust, m/s^2. most: limit of both angles, rad.
+    """
+    roll = min(max(atan(steer.yaw_rate * steer.speed / GRAVITY), -most), most)
+    return roll, min(max(pitch_from_push(push), -most), most)

@@ -1,6 +1,6 @@
 """Adapters by (autopilot, kind) of the mission file, and the reasons why other vehicles are not supported."""
 
-from circnav_mav.mav.autopilots.ardupilot_copter import ArduCopter
+from circnav_mav.mav.autopilots.ardupilot_copter import ArduCopter, ArduCopterAttitude
 from circnav_mav.mav.autopilots.ardupilot_plane import ArduPlane
 from circnav_mav.mav.autopilots.ardupilot_rover import ArduRover
 from circnav_mav.mav.autopilots.interface import Autopilot, VehicleFacts
@@ -10,6 +10,7 @@ from circnav_mav.mav.autopilots.px4_plane_stick import PX4PlaneStick
 
 AUTOPILOTS: dict[tuple[str, str], type[Autopilot]] = {
     ("ardupilot", "copter"): ArduCopter,
+    ("ardupilot", "copter attitude"): ArduCopterAttitude,
     ("ardupilot", "plane"): ArduPlane,
     ("ardupilot", "rover"): ArduRover,
     ("px4", "copter"): PX4Copter,
@@ -19,10 +20,6 @@ AUTOPILOTS: dict[tuple[str, str], type[Autopilot]] = {
 """Vehicles that can be flown without position, or with the autopilot's velocity estimate."""
 
 REFUSED: dict[tuple[str, str], str] = {
-    ("ardupilot", "copter nogps"): (
-        "GUIDED_NOGPS holds no speed, and a copter without GPS or flow measures none (its VFR_HUD.airspeed is its "
-        "ground-speed estimate): the circle's speed cannot be held. Give the copter optical flow and use GUIDED"
-    ),
     ("px4", "rover"): (
         "PX4 rovers ignore yaw rate and attitude setpoints in OFFBOARD; only a turning velocity vector (the rover "
         "drives on after the stream stops) or a moving position target steers them"

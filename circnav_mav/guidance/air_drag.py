@@ -1,0 +1,237 @@
+"""Airspeed and side-slip of a multicopter from its accelerometer, and the forward push that holds the airspeed.
+
+The thrust of a multicopter has no component along its forward and left axes. So the accelerometers of these axes
+measure the drag of the air alone, straight and turning, whatever the attitude estimate says:
+
+    force = -c v (1 + |v|/v_2)        for each of the two axes
+
+v: speed through the air along the axis. c: drag coefficient, from the mission. v_2: speed at which the quadratic
+drag of the airframe equals the linear drag of the rotors. The ratio of the true airspeed to the measured one is the
+airspeed scale. The relative-motion estimator learns it from the ranges, `ScaleFit` from a flight with GPS.
+
+Source: Martin and Salaun, "The true role of accelerometer feedback in quadrotor control" (2010). v_2 was measured on
+ArduCopter's simulated quadrotor, straight and in turns.
+"""
+
+from cmath import rect
+from math import atan2, exp, hypot, sqrt
+from typing import NamedTuple
+
+from circnav_mav.guidance.types import OwnMotion
+
+EQUAL_DRAG_SPEED = 8.0
+"""v_2, m/s."""
+SMOOTHING = 0.5
+"""Time constant of the low-pass on the speed along each axis, s. Below it, gusts and vibration dominate."""
+LONGEST_STEP = 0.5
+"""Gap between two reports, s, after which the filters restart."""
+MAX_SLIP = 0.6
+"""Bound of the side-slip, rad. A larger one occurs only near standstill, where it has no meaning."""
+
+
+def drag_force(speed: float, coefficient: float) -> float:
+    """Return the drag per mass, m/s^2, at a speed along one axis, m/s. Both have the same sign.
+
+    coefficient: c, 1/s.
+    """
+    return coefficient * speed * (1 + abs(speed) / EQUAL_DRAG_SPEED)
+
+
+def speed_of_drag(force: float, coefficient: float) -> float:
+    """Return the speed along one axis, m/s, at a drag per mass, m/s^2: the inverse of `drag_force`."""
+    root = sqrt(1 + 4 * abs(force) / (coefficient * EQUAL_DRAG_SPEED))
+    speed = EQUAL_DRAG_SPEED / 2 * (root - 1)
+    return speed if force >= 0 else -speed
+
+
+def coefficient_at(ratio: float, speed: float) -> float:
+    """Return the coefficient c, 1/s, of a copter whose drag per mass over airspeed is `ratio`, 1/s, at a speed, m/s."""
+    return ratio / (1 + speed / EQUAL_DRAG_SPEED)
+
+
+class AirVelocity(NamedTuple):
+    """Measured velocity through the air after a report.
+
+    time: of the report, s.
+    forward: speed along the nose, m/s, at an airspeed scale of 1.
+    left: speed to the left, m/s.
+    """
+
+    time: float = float("-inf")
+    forward: float = 0.0
+    left: float = 0.0
+
+    def follow(self, own: OwnMotion, coefficient: float) -> "AirVelocity":
+        """Return the state after a report of own motion that contains the measured drag."""
+        if own.drag is None:
+            return self
+        forward = speed_of_drag(-own.drag[0], coefficient)
+        left = speed_of_drag(-own.drag[1], coefficient)
+        step = own.time - self.time
+        if not 0 <= step <= LONGEST_STEP:
+            return AirVelocity(own.time, forward, left)
+        share = 1 - exp(-step / SMOOTHING)
+        return AirVelocity(
+            own.time,
+            self.forward + (forward - self.forward) * share,
+            self.left + (left - self.left) * share,
+        )
+
+    def motion(self, own: OwnMotion) -> OwnMotion:
+        """Return own motion along the path through the air: its direction as heading, and the measured airspeed."""
+        slip = atan2(self.left, max(self.forward, 1e-3))
+        slip = min(max(slip, -MAX_SLIP), MAX_SLIP)
+        return own._replace(heading=own.heading + slip, airspeed=hypot(self.forward, self.left))
+
+
+HIGH_PASS = 5.0
+"""Time constant of the high-pass in `ScaleFit`, s. The wind passes it not at all, a turn or an acceleration does."""
+FIT_MEMORY = 120.0
+"""Time constant of the least squares, s."""
+PRIOR_WEIGHT = 20.0
+"""Weight of the scale 1 in the least squares, m^2/s: as much as 10 s of a circle at 2 m/s."""
+SCALE_BOUNDS = (0.5, 2.0)
+"""Bounds of the airspeed scale: the drag of copters per mass is 0.2 to 1/s."""
+SCALE_SIGMA = 0.25
+"""Standard deviation of the scale before it is learned."""
+
+
+class ScaleFit(NamedTuple):
+    """Least squares of the airspeed scale from accelerations, while GPS keeps the attitude of the autopilot exact.
+
+    In a few seconds the wind is constant, so the velocity through the air changes as the integrated acceleration:
+
+        change of measured air velocity = change of velocity / scale
+
+    Velocities are complex: east + j north. time: of the report, s. high_passed: the two high-pass states.
+    sums: of velocity squared and of the product, with exponential forgetting.
+    """
+
+    time: float = float("-inf")
+    since: float = float("nan")
+    last: tuple[complex, complex] = (0j, 0j)
+    high_passed: tuple[complex, complex] = (0j, 0j)
+    sums: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def scale(self) -> float:
+        """True over measured airspeed."""
+        square, product = self.sums
+        scale = (square + PRIOR_WEIGHT) / max(product + PRIOR_WEIGHT, 1e-6)
+        return min(max(scale, SCALE_BOUNDS[0]), SCALE_BOUNDS[1])
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of the scale."""
+        return max(SCALE_SIGMA * PRIOR_WEIGHT / (self.sums[0] + PRIOR_WEIGHT), 0.03)
+
+    def follow(self, own: OwnMotion, air: AirVelocity) -> "ScaleFit":
+        """Return the state after a report. air: velocity through the air in body axes, measured at this report."""
+        if own.felt is None:
+            return self._replace(time=float("-inf"))
+        new = complex(own.felt.x, own.felt.y), complex(air.forward, air.left) * rect(1.0, own.heading)
+        step = own.time - self.time
+        if not 0 < step <= LONGEST_STEP or own.felt.since != self.since:
+            return self._replace(time=own.time, since=own.felt.since, last=new, high_passed=(0j, 0j))
+        keep = exp(-step / HIGH_PASS)
+        velocity = keep * (self.high_passed[0] + new[0] - self.last[0])
+        measured = keep * (self.high_passed[1] + new[1] - self.last[1])
+        forget = exp(-step / FIT_MEMORY)
+        square = self.sums[0] * forget + abs(velocity) ** 2 * step
+        product = self.sums[1] * forget + (velocity.conjugate() * measured).real * step
+        return ScaleFit(own.time, own.felt.since, new, (velocity, measured), (square, product))
+
+
+WIND_TIME = 20.0
+"""Time constant of the mean of the wind, s: half a lap."""
+WIND_SIGMA, UNKNOWN_WIND = 0.4, 4.0
+"""Standard deviation of a learned wind, and of the wind before it is learned, m/s."""
+
+
+class MeanWind(NamedTuple):
+    """Mean of the wind, from a copter that holds its speed over the ground and measures its velocity through the air.
+
+    time: of the report, s. x, y: wind, m/s. share: 0 before the first report, 1 after many.
+    """
+
+    time: float = float("-inf")
+    x: float = 0.0
+    y: float = 0.0
+    share: float = 0.0
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of each component, m/s."""
+        return hypot(WIND_SIGMA, UNKNOWN_WIND * (1 - self.share))
+
+    def follow(self, own: OwnMotion, air: AirVelocity, scale: float) -> "MeanWind":
+        """Return the state after a report.
+
+        own: heading and speed over the ground. air: velocity through the air. scale: airspeed scale.
+        """
+        step = own.time - self.time
+        if not 0 < step <= LONGEST_STEP:
+            return self._replace(time=own.time)
+        ground = rect(own.airspeed, own.heading)
+        wind = ground - scale * complex(air.forward, air.left) * rect(1.0, own.heading)
+        kept = exp(-step / WIND_TIME)
+        share = 1 - (1 - self.share) * kept
+        weight = (1 - kept) / share
+        x = self.x + (wind.real - self.x) * weight
+        y = self.y + (wind.imag - self.y) * weight
+        return MeanWind(own.time, x, y, share)
+
+
+TRIM_RATE = 0.15
+"""Rate of the integral of `AirspeedHold`, 1/s: slower than the drag (0.25 to 0.5/s), so that it does not swing."""
+MAX_TRIM = 1.5
+"""Bound of the integral, m/s^2: 9 degrees of error of the attitude estimate."""
+SCALE_TIME = 10.0
+"""Time constant with which the held airspeed follows the estimated scale, s."""
+
+
+class AirspeedHold:
+    """Forward push of the thrust that holds an airspeed against the drag.
+
+    The push of the drag at this airspeed is commanded at once. An integral of the missing drag corrects the error of
+    the attitude estimate.
+    """
+
+    def __init__(self, coefficient: float) -> None:
+        """coefficient: c of the mission, 1/s."""
+        self._coefficient = coefficient
+        self._trim = 0.0
+        self.scale = 1.0
+        """True over measured airspeed, followed slowly."""
+        self._time = float("-inf")
+
+    def reset(self, scale: float = 1.0) -> None:
+        """Start again, with a known airspeed scale."""
+        self._trim = 0.0
+        self.scale = scale
+        self._time = float("-inf")
+
+    def push(self, speed: float) -> float:
+        """Return the forward push, m/s^2, that holds a true airspeed, m/s."""
+        if speed <= 0:
+            return 0.0
+        return drag_force(speed / self.scale, self._coefficient) + self._trim
+
+    def follow(self, air: AirVelocity, speed: float, scale: float | None) -> None:
+        """Update after a report in which the copter was steered.
+
+        air: measured velocity through the air. speed: true airspeed to hold, m/s.
+        scale: estimated airspeed scale, or None while it is not trusted.
+        """
+        step = air.time - self._time
+        self._time = air.time
+        if not 0 < step <= LONGEST_STEP:
+            return
+        if scale is not None:
+            self.scale += (scale - self.scale) * (1 - exp(-step / SCALE_TIME))
+        wanted = drag_force(speed / self.scale, self._coefficient)
+        missing = wanted - drag_force(air.forward, self._coefficient)
+        # While the copter accelerates, most of the drag is missing without any error of the attitude.
+        if abs(missing) < 0.4 * wanted:
+            trim = self._trim + TRIM_RATE * missing * step
+            self._trim = min(max(trim, -MAX_TRIM), MAX_TRIM)
