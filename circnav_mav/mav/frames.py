@@ -73,6 +73,12 @@ def pitch_from_push(push: float) -> float:
     return -atan(push / GRAVITY)
 
 
+def roll_from_push(right: float, left: float) -> float:
+    """Return the roll (right positive, rad) of a thrust that balances the weight and pushes to the right and to the
+    left, m/s^2."""
+    return atan((right - left) / GRAVITY)
+
+
 def body_from_level(forward: float, right: float, roll: float, pitch: float) -> tuple[float, float, float]:
     """Return a horizontal vector (forward, right of the nose) in the body frame (forward, right, down).
 

@@ -139,7 +139,7 @@ class ArduCopterAttitude(Autopilot):
 
     def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
         """Return the attitude of the coordinated turn at the held airspeed. The yaw target moves at the yaw rate."""
-        roll, pitch = tilt(steer, to.push if steer.speed > 0 else 0.0, self._facts.max_bank)
+        roll, pitch = tilt(steer, to.push, self._facts.max_bank)
         return attitude(self.MASK, to, now, roll=roll, pitch=pitch, yaw=self._turned(steer, to, now), thrust=0.5)
 
     def _turned(self, steer: Steer, to: SetpointContext, now: float) -> float:

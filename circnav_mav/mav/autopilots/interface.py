@@ -19,6 +19,7 @@ from circnav_mav.mav.frames import (
     euler_from_quaternion,
     pitch_from_push,
     quaternion_from_euler,
+    roll_from_push,
 )
 from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.setpoint_guard import Steer
@@ -65,8 +66,8 @@ class SetpointContext(NamedTuple):
     """Target ids and vehicle state that a setpoint may use.
 
     target_system, target_component: ids of the vehicle. motion: its own motion. height: altitude to hold, m above sea
-    level, None if the vehicle holds it or it is unknown. drag: learned drag coefficient of a copter, 1/s. push: forward
-    acceleration by the thrust that holds the airspeed of a copter flown by attitude, m/s^2.
+    level, None if the vehicle holds it or it is unknown. drag: learned drag coefficient of a copter, 1/s. push:
+    acceleration by the thrust, forward and to the left, that holds the airspeed of a copter flown by attitude, m/s^2.
     """
 
     target_system: int
@@ -74,7 +75,7 @@ class SetpointContext(NamedTuple):
     motion: Motion
     height: float | None
     drag: float = 0.0
-    push: float = 0.0
+    push: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,10 +259,13 @@ def attitude(
     )
 
 
-def tilt(steer: Steer, push: float, most: float) -> tuple[float, float]:
-    """Return roll and pitch, rad, of a copter that is pushed forward and turns in coordination.
+def tilt(steer: Steer, push: tuple[float, float], most: float) -> tuple[float, float]:
+    """Return roll and pitch, rad, of a copter that is pushed and turns in coordination. Both are 0 at speed 0.
 
-    push: forward acceleration by the thrust, m/s^2. most: limit of both angles, rad.
+    push: acceleration by the thrust, forward and to the left, m/s^2. most: limit of both angles, rad.
     """
-    roll = min(max(atan(steer.yaw_rate * steer.speed / GRAVITY), -most), most)
-    return roll, min(max(pitch_from_push(push), -most), most)
+    if steer.speed == 0:
+        return 0.0, 0.0
+    forward, left = push
+    roll = roll_from_push(steer.yaw_rate * steer.speed, left)
+    return min(max(roll, -most), most), min(max(pitch_from_push(forward), -most), most)

@@ -73,6 +73,8 @@ class Firmware(Protocol):
 
     earth: float
     guided: int
+    steered: frozenset[int]
+    """Modes in which circnav steers."""
     holding: int
     system: int
     shared: socket.socket
@@ -88,6 +90,10 @@ class Firmware(Protocol):
     def without_gps(self, bench: "Bench") -> None: ...
     def ask_mode(self, bench: "Bench", mode: int) -> None: ...
     def circle(self, bench: "Bench", north: float, east: float) -> tuple[float, float]: ...
+
+    def beat(self, bench: "Bench") -> None:
+        """Send the operator's repeated inputs, once a second. None by default."""
+        return
 
     def circling(self, bench: "Bench") -> None:
         """Send repeated inputs that the autopilot's own circle requires. None by default."""
@@ -170,6 +176,7 @@ class Bench:
             self.send(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3))
             radio = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_ONBOARD_CONTROLLER, 8, 0, 0, 4, 3)
             self.send(radio, self.radio)
+            self.firmware.beat(self)
         for ready in select.select([self._shared, self._own, self._relay], [], [], wait)[0]:
             for _ in range(100):
                 try:

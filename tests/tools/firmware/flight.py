@@ -28,6 +28,8 @@ VEHICLES = {
     "plane": Vehicle(BEHIND_ARDUPILOT, "plane", "arduplane", 150.0, 22.0, 80.0, 240.0),
     "home": Vehicle(BEHIND_ARDUPILOT, "plane", "home", 100.0, 15.0, 80.0, 400.0),
     "copter": Vehicle(BEHIND_ARDUPILOT, "copter", "arducopter", 30.0, 5.0, 20.0, 200.0),
+    "copter_nogps": Vehicle(BEHIND_ARDUPILOT, "copter", "arducopter_nogps", 30.0, 5.0, 20.0, 200.0),
+    "home_copter": Vehicle(BEHIND_ARDUPILOT, "copter", "home_copter", 60.0, 7.0, 30.0, 400.0),
     "rover": Vehicle(BEHIND_ARDUPILOT, "rover", "ardurover", 20.0, 3.0, 0.0, 200.0),
     "px4_copter": Vehicle(BEHIND_PX4, "copter", "px4_copter", 50.0, 5.0, 20.0, 300.0),
     "px4_plane": Vehicle(BEHIND_PX4, "plane", "px4_plane", 60.0, 10.0, 40.0, 240.0),

@@ -185,7 +185,7 @@ def _loop(flown: Flight, bench: Bench, began: float) -> None:
 
 
 def _in_guided(bench: Bench, began: float) -> list[float]:
-    return [at for at, mode in bench.modes if mode == bench.firmware.guided and at >= began - 1.0]
+    return [at for at, mode in bench.modes if mode in bench.firmware.steered and at >= began - 1.0]
 
 
 def _circled(flown: Flight, bench: Bench, began: float) -> tuple[float, float]:
@@ -195,7 +195,7 @@ def _circled(flown: Flight, bench: Bench, began: float) -> tuple[float, float]:
     entered = _in_guided(bench, began)
     if not entered or not bench.setpoints:
         raise NoFlightError("circnav never steered, see circnav.log")
-    left = [at for at, mode in bench.modes if mode != bench.firmware.guided and at > entered[0]]
+    left = [at for at, mode in bench.modes if mode not in bench.firmware.steered and at > entered[0]]
     ends = [bench.setpoints[-1].time, *left[-1:]]
     if flown.takeover is not None:
         ends.append(began + flown.takeover)
@@ -208,8 +208,8 @@ def _after_takeover(flown: Flight, bench: Bench, began: float) -> dict[str, Any]
     if flown.takeover is None:
         return None
     asked = began + flown.takeover
-    shown = next((at for at, mode in bench.shown_modes if at > asked and mode != bench.firmware.guided), None)
-    again = next((at for at, mode in bench.shown_modes if shown and at > shown and mode == bench.firmware.guided), 1e9)
+    shown = next((at for at, mode in bench.shown_modes if at > asked and mode not in bench.firmware.steered), None)
+    again = next((at for at, mode in bench.shown_modes if shown and at > shown and mode in bench.firmware.steered), 1e9)
     late = [one.time for one in bench.setpoints if asked < one.time < again]
     return {
         "after_command": len(late),
@@ -224,7 +224,7 @@ def homing(
 ) -> dict[str, float] | None:
     """Return figures of the mission `home`: flown time from the engagement to within HOME of the beacon, s; the same
     for the straight way in this wind; and the largest distance after that, m."""
-    if flown.what.mission != "home":
+    if not flown.what.mission.startswith("home"):
         return None
     way = [one for one in track if engaged <= one.time <= ended]
     away = np.array([hypot(one.north - target(one.time)[0], one.east - target(one.time)[1]) for one in way])

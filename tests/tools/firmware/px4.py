@@ -53,6 +53,7 @@ class Px4(Firmware):
     def __init__(self, flight: Flight) -> None:
         self._flight, self._kind = flight, flight.what.kind
         self.guided = ALTCTL if flight.vehicle == "px4_plane" else OFFBOARD
+        self.steered = frozenset((self.guided,))
         self.holding = LOITER
         self.shared, self._instance = self._claimed()
         self.system = self._instance + 1

@@ -24,6 +24,9 @@ STOCK_CRUISE = 22.0
 GUIDED = {"plane": 15, "copter": 4, "rover": 15}
 HOLDING = {"plane": 12, "copter": 17, "rover": 4}
 CIRCLE = {"copter": 7, "rover": 9}
+ALT_HOLD, GUIDED_NOGPS = 2, 20
+WITHOUT_GPS = ("copter_nogps", "home_copter")
+"""Vehicles that lose their GPS before circnav starts."""
 
 
 def missing(kind: str) -> str:
@@ -51,6 +54,10 @@ class ArduPilot(Firmware):
     def __init__(self, flight: Flight, rc_port: int) -> None:
         self._flight, self._kind, self._rc_port = flight, flight.what.kind, rc_port
         self.guided, self.holding = GUIDED[self._kind], HOLDING[self._kind]
+        self._starts_without_gps = flight.vehicle in WITHOUT_GPS
+        if self._starts_without_gps:
+            self.holding = ALT_HOLD
+        self.steered = frozenset((self.guided, GUIDED_NOGPS) if self._kind == "copter" else (self.guided,))
         self.shared, self.own = bound(), bound()
 
     def start(self, folder: Path) -> subprocess.Popen[bytes]:
@@ -105,6 +112,9 @@ class ArduPilot(Firmware):
         self.weather(bench)
         bench.rest(15 if self._kind == "plane" else 5)
         bench.set_mode(self.holding)
+        if self._starts_without_gps:
+            self.without_gps(bench)
+            bench.until(lambda: any("EKF variance" in text for _, text in bench.texts), 20, "the GPS is not lost")
 
     def _move_home(self, bench: Bench) -> None:
         x, y = self.degrees_e7(self._flight.home_away, 0.0)
@@ -183,6 +193,13 @@ class ArduPilot(Firmware):
         bench.set_mode(self.guided)
         bench.set_mode(CIRCLE[self._kind])
         return bench.truth.north, bench.truth.east
+
+    def beat(self, bench: Bench) -> None:
+        """Center the sticks: with the throttle down, ALT_HOLD descends."""
+        heartbeat = bench.latest.get("HEARTBEAT")
+        armed = heartbeat is not None and heartbeat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+        if self._starts_without_gps and armed:  # with the throttle up, arming is refused
+            bench.send(mavlink.MAVLink_rc_channels_override_message(1, 1, 1500, 1500, 1500, 1500, *[65535] * 4))
 
     def circling(self, bench: Bench) -> None:
         """A copter's CIRCLE reads the throttle stick: keep it centered."""
