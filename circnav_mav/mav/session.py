@@ -31,10 +31,12 @@ MOST_REPLIES = 4
 """Largest number of TIMESYNC answers in one step: a flood of requests is not answered."""
 ECHO_RATE = 4.0
 """Requested rate of the vehicle's setpoint reports, Hz."""
+GPS_HEALTH = ("GPS_RAW_INT", "GPS2_RAW", "EKF_STATUS_REPORT")
+"""Messages from which only the fix type and the status flags are read, to detect a loss of GPS."""
 ECHOES = ("POSITION_TARGET_LOCAL_NED", "ATTITUDE_TARGET", "NAV_CONTROLLER_OUTPUT")
 HANDLED = frozenset(
     getattr(dialect, f"MAVLINK_MSG_ID_{name}")
-    for name in (*READ, "COMMAND_ACK", "TIMESYNC", "VFR_HUD", *ACCELERATIONS, *ECHOES)
+    for name in (*READ, "COMMAND_ACK", "TIMESYNC", "VFR_HUD", *ACCELERATIONS, *ECHOES, *GPS_HEALTH)
 )
 """Ids of the messages that the session, the motion sensor or the pilot reads."""
 
@@ -178,7 +180,7 @@ class Session:
         else:
             self.vehicle.found(self.adapter)
             echo = {} if self.adapter.echo is None else {self.adapter.echo: ECHO_RATE}
-            self.streams = StreamRequests({**self.adapter.firmware.streams, **echo, **self._more_streams}, maybe=echo)
+            self.streams = StreamRequests({**self.adapter.firmware.streams, **echo, **self._more_streams}, maybe={*echo, dialect.MAVLINK_MSG_ID_GPS2_RAW})
             self.commands.send(Command(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,)))
         if self.vehicle.unproven:
             self.commands.send(Command(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_SYSTEM_TIME,)))

@@ -9,12 +9,15 @@ from circnav_mav.mav.codec import Decoder, Message
 from circnav_mav.mav.identity import AUTOPILOT_COMPONENT
 from circnav_mav.mav.parameter_server import REQUESTS
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
-from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, Session
+from circnav_mav.mav.session import GPS_HEALTH, HANDLED, HEARTBEAT_PERIOD, Session
 from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.settings import LINKS, RANGING, VEHICLE, PilotSettings
 
 HOME_RATE = 1.0
 """Rate, Hz, of HOME_POSITION if the height is relative to home. Home may be changed until the engagement."""
+
+GPS_HEALTH_RATE = 4.0
+"""Rate, Hz, of the messages that show a loss of GPS: the flags of the estimator fall 0.8 s before the failsafe acts."""
 
 
 class Connection:
@@ -29,6 +32,9 @@ class Connection:
             self.more_streams[self.ranging_message.id] = settings.ranging.rate_hz
         if settings.height.target_above_home is not None:
             self.more_streams[dialect.MAVLINK_MSG_ID_HOME_POSITION] = HOME_RATE
+        if settings.flies_without_gps:
+            for name in GPS_HEALTH:
+                self.more_streams[getattr(dialect, f"MAVLINK_MSG_ID_{name}")] = GPS_HEALTH_RATE
         vehicles = adapters(settings.autopilot, settings.kind, settings.facts)
         self.session = Session(settings.link, vehicles, self.more_streams, signing)
         self.ranging_link = RANGING if settings.ranging_apart else VEHICLE

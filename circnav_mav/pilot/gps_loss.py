@@ -1,10 +1,11 @@
 """Loss of GPS in flight: a copter that circles in GUIDED goes on by attitude setpoints, without a position.
 
-ArduCopter lands 8 s after the loss, because GUIDED requires a position. The loss is read from the health of the GPS in
-SYS_STATUS. The position itself is never read.
+ArduCopter lands 8 s after the loss, because GUIDED requires a position. The loss is read from the fix type of the
+receivers (GPS_RAW_INT, GPS2_RAW), and from the flags of EKF_STATUS_REPORT, which fall 7 s after the loss. Positions and
+velocities in these messages are never read.
 """
 
-from pymavlink.dialects.v20.all import MAV_SYS_STATUS_SENSOR_GPS as GPS
+from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.guidance.estimators.interface import MethodChange
 from circnav_mav.mav.autopilots.interface import Autopilot
@@ -17,7 +18,9 @@ from circnav_mav.pilot.range_tracker import RangeTracker
 from circnav_mav.pilot.settings import PilotSettings
 
 LOST_FOR = 1.0
-"""Time, s, for which the GPS must be unhealthy: single late messages of a receiver make it unhealthy for less."""
+"""Time, s, without a fix of any receiver that counts as a loss. The estimator bridges shorter ones."""
+RECEIVERS = ("GPS_RAW_INT", "GPS2_RAW")
+POSITION_FLAGS = dialect.ESTIMATOR_POS_HORIZ_REL | dialect.ESTIMATOR_POS_HORIZ_ABS
 
 
 class GpsLoss:
@@ -31,33 +34,45 @@ class GpsLoss:
     ) -> None:
         self._settings, self._session = settings, session
         self._tracker, self._controller, self._path = tracker, controller, path
-        self._was_healthy = False
-        self._unhealthy_since: float | None = None
+        self._fixes: dict[str, bool] = {}
+        """True for the receivers that have a 3D fix, by message type."""
+        self._without_fix_since: float | None = None
+        self._had_position = False
+        self._position_lost = False
         self._request = ModeRequest()
         self.changed_at: float | None = None
         self.failure = ""
 
     def receive(self, message: Message, now: float) -> None:
         """Process a message of the vehicle."""
-        if message.get_type() != "SYS_STATUS":
-            return
-        if message.onboard_control_sensors_health & GPS:
-            self._was_healthy = True
-            self._unhealthy_since = None
-        elif self._was_healthy and self._unhealthy_since is None:
-            self._unhealthy_since = now
+        kind = message.get_type()
+        if kind in RECEIVERS:
+            had_fix = any(self._fixes.values())
+            self._fixes[kind] = message.fix_type >= dialect.GPS_FIX_TYPE_3D_FIX
+            if any(self._fixes.values()):
+                self._without_fix_since = None
+            elif had_fix:
+                self._without_fix_since = now
+        elif kind == "EKF_STATUS_REPORT":
+            has_position = bool(message.flags & POSITION_FLAGS)
+            self._position_lost = self._had_position and not has_position
+            self._had_position |= has_position
+
+    def _is_lost(self, now: float) -> bool:
+        """True if the vehicle loses its position now, or soon."""
+        since = self._without_fix_since
+        return self._position_lost or (since is not None and now - since >= LOST_FOR)
 
     def step(self, now: float) -> str:
         """Change the method if the GPS is lost, and request its mode until the vehicle reports it. Call while the
         vehicle is steered. Return a text for the operator at the change, else an empty string."""
         session = self._session
         if self.changed_at is None:
-            since = self._unhealthy_since
             method = session.adapter.without_gps
-            if not self._settings.flies_without_gps or method is None or since is None or now - since < LOST_FOR:
+            if not self._settings.flies_without_gps or method is None or not self._is_lost(now):
                 return ""
             self._change(method(self._settings.facts), now)
-            return f"GPS lost: {session.adapter.guided_name}"
+            return f"GPS lost, {session.adapter.guided_name}"
         if session.vehicle.mode == session.adapter.guided_mode:
             session.adapter.our_modes = frozenset((session.adapter.guided_mode,))
         elif not self.failure:

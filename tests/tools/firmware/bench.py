@@ -23,7 +23,7 @@ from typing import Any, Protocol
 from pymavlink.dialects.v20 import all as mavlink
 
 from tests.tools.firmware.flight import Flight
-from tests.tools.firmware.wire import LOOPBACK, POSITIONS, Setpoint, bound, frames, mode_shown, parser, setpoint
+from tests.tools.firmware.wire import GPS_HEALTH, LOOPBACK, POSITIONS, Setpoint, bound, frames, mode_shown, parser, setpoint
 
 BRING_UP_PATIENCE = 300.0
 ACCEPTED, IN_PROGRESS = 0, 5
@@ -210,7 +210,8 @@ class Bench:
         for shown in (mode for one in cut if (mode := mode_shown(*one)) is not None):
             self.shown_modes.append((self.now, shown))
         if not (self.flight.keep_position or self.flight.handback):
-            kept = b"".join(frame for number, frame in cut if number not in POSITIONS)
+            hidden = POSITIONS - GPS_HEALTH if self.flight.gps_shown else POSITIONS
+            kept = b"".join(frame for number, frame in cut if number not in hidden)
             self.hidden += len(kept) != len(data)
             data = kept
         if data:

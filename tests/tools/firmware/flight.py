@@ -60,6 +60,7 @@ class Flight:
     seed: int = _option(1)
     baseline: bool = _option(False, "the autopilot's own GPS circle round the same, known, centre")
     keep_position: bool = _option(False, "do not hide the autopilot's positions from circnav")
+    gps_shown: bool = _option(False, "do not hide GPS_RAW_INT, whose fix type shows a loss of GPS")
     handback: bool = _option(False, "handback.enabled, and positions shown: with --gps-off")
     home_s: float = _option(0.0, "exit action rtl, and T s more on the way home", metavar="T")
     home_away: float = _option(0.0, "home is so far north of the take-off (ArduPilot)", metavar="M")
