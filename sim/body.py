@@ -9,6 +9,9 @@ FREQUENCY, DAMPING = 0.32, 0.45  # GPS correction of the estimate: rad/s, dampin
 TILT_NOISE = 0.57  # gyro noise in roll per rad of rms roll error, 1/sqrt(s); half as much in pitch
 HEADING_TIME = 12.0  # correlation time of the heading error, s
 HARD_IRON = math.radians(0.2)  # amplitude of the heading error, one period per full turn
+UNAIDED = 0.12  # rad/s: bandwidth with which an estimator without GPS assumes that the vehicle stands still
+DIP = 2.1  # tangent of the magnetic inclination: heading error per error of the tilt to the east
+QUADRATIC_DRAG = 0.125  # s/m: quadratic over linear drag of a multicopter
 
 Vector = tuple[float, float, float]
 Line = tuple[tuple[float, float], ...]
@@ -28,6 +31,7 @@ class EstimateError(NamedTuple):
     lean: tuple[float, float] = (0.0, 0.0)
     heading: float = 0.0
     wander: float = 0.0  # the slowly varying part of the heading error
+    place: tuple[float, float] = (0.0, 0.0)  # position of an estimator without GPS, relative to where it stands still
 
     def tilt(self, heading: float) -> tuple[float, float]:
         """Return the errors of roll and pitch, rad."""
@@ -45,6 +49,44 @@ class EstimateError(NamedTuple):
         (north, lean_north), (east, lean_east) = moved
         off = turned + HARD_IRON * math.sin(heading)
         return EstimateError((north, east), (lean_north, lean_east), off, turned)
+
+
+    def unaided(self, dt: float, acceleration: tuple[float, float]) -> "EstimateError":
+        """Return the error dt later without GPS, as ArduPilot's EKF3 has it.
+
+        The estimator assumes that the vehicle stays in place (within EK3_NOAID_M_NSE, 10 m). A lasting acceleration,
+        north and east in m/s^2, looks like gravity: its estimate of the tilt is wrong by 1 to 3 deg in turns. The
+        compass then measures the wrong heading.
+        """
+        north, east = (
+            _standing(*one, dt) for one in zip(self.place, self.velocity, self.lean, acceleration, strict=True)
+        )
+        lean = north[2], east[2]
+        return EstimateError((north[1], east[1]), lean, DIP * lean[1], 0.0, (north[0], east[0]))
+
+
+def _standing(place: float, velocity: float, lean: float, acceleration: float, dt: float) -> tuple[float, float, float]:
+    """Return place, velocity and error of the lean of an observer that measures "place = 0", dt later."""
+    measured = acceleration + GRAVITY * lean
+    return (
+        place + (velocity - 2 * UNAIDED * place) * dt,
+        velocity + (measured - 2 * UNAIDED**2 * place) * dt,
+        lean - UNAIDED**3 / GRAVITY * place * dt,
+    )
+
+
+def air_drag(coefficient: float, air: tuple[float, float], heading: float) -> tuple[float, float]:
+    """Return the drag of a multicopter per mass against the air (north, east), m/s^2.
+
+    coefficient: of the linear part, 1/s. The drag acts along each body axis, as in ArduPilot's simulator.
+    """
+    cos, sin = math.cos(heading), math.sin(heading)
+    forward, right = air[0] * cos + air[1] * sin, air[1] * cos - air[0] * sin
+    return to_earth(
+        coefficient * forward * (1 + QUADRATIC_DRAG * abs(forward)),
+        coefficient * right * (1 + QUADRATIC_DRAG * abs(right)),
+        heading,
+    )
 
 
 def _corrected(velocity: float, lean: float, fresh: float, dt: float) -> tuple[float, float]:

@@ -33,7 +33,7 @@ class Airframe(Table):
     through the air and drifts with the wind. "realistic" (default of the others) has the measured dynamics.
     boot_age_s: time since the autopilot's boot at time zero (its 32-bit milliseconds wrap at 4294967.296 s).
     odometry: velocity without GPS (optical flow, wheel encoders), valid once an origin is set (message 48).
-    drag_per_s: drag of copters; default: px4_copter 1.0, arducopter 0.185. max_lean_deg: ANGLE_MAX (default 30),
+    drag_per_s: drag of copters; default: px4_copter 1.0, arducopter 0.24, the part linear in the speed. max_lean_deg: ANGLE_MAX (default 30),
     MPC_TILTMAX_AIR (default 45). turn_frequency_rad_s, turn_damping: override the measured turn or roll loop; a damping
     below 0.3 rings. steering: "straight", "frozen" (repeats the last command), "turning" (12 deg/s) and "hovering"
     ignore turn commands. "reversed" and "weak" (a tenth) change them.
@@ -220,6 +220,11 @@ class VehicleConfig(Table):
     def sih(self) -> bool:
         """True if the vehicle imitates PX4's simulator SIH, which has noisy sensors."""
         return self.vehicle.profile.startswith("px4") and self.vehicle.dynamics != "unicycle"
+
+    @property
+    def unaided_tilts(self) -> bool:
+        """True if the attitude estimate is wrong in turns without GPS: ArduPilot's realistic copters."""
+        return self.vehicle.profile.startswith("arducopter") and self.vehicle.dynamics == "realistic"
 
     @property
     def attitude_error(self) -> float:

@@ -13,7 +13,7 @@ from .autopilots.ardurover import ArduRover
 from .autopilots.contract import Autopilot, Say
 from .autopilots.px4_copter import Px4Copter
 from .autopilots.px4_plane import Px4Plane
-from .body import GRAVITY, Body, Vector
+from .body import GRAVITY, Body, EstimateError, Vector
 from .config import VehicleConfig
 from .instruments import Instruments
 from .sensor import Sample
@@ -76,6 +76,7 @@ class Flight:
         self.autopilot = AUTOPILOTS[config.vehicle.profile](config, say, starting_body(config, self.air.velocity))
         self._velocities: deque[tuple[int, Vector]] = deque([(0, self.body.velocity)])
         self._estimator_rng = Random(f"{config.seed}:estimator")
+        self._estimated_at = self.body.velocity[:2]
         self._position_rng = Random(f"{config.seed}:position")
         size, drift = config.sensors.gps_error_m, config.sensors.dead_reckoning_mps
         self._gps_error = self._position_rng.gauss(0.0, size), self._position_rng.gauss(0.0, size)
@@ -115,6 +116,16 @@ class Flight:
     def step_estimate_error(self) -> None:
         """Advance the error of the autopilot's estimate by 0.1 s."""
         body, roll = self.body, self.config.attitude_error
+        if self.config.unaided_tilts and not self.autopilot.position:
+            before, self._estimated_at = self._estimated_at, body.velocity[:2]
+            acceleration = tuple((b - a) / (DRIFT_STEP_US * 1e-6) for a, b in zip(before, body.velocity, strict=False))
+            error = body.error.unaided(DRIFT_STEP_US * 1e-6, (acceleration[0], acceleration[1]))
+            self.autopilot.body = body._replace(error=error)
+            return
+        self._estimated_at = body.velocity[:2]
+        if roll == 0:
+            self.autopilot.body = body._replace(error=EstimateError())
+            return
         wander = roll * (1.1 if self.config.sih else 0.6)
         error = body.error.after(DRIFT_STEP_US * 1e-6, roll, wander, body.heading, self._estimator_rng)
         self.autopilot.body = body._replace(error=error)

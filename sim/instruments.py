@@ -34,7 +34,8 @@ class Instruments:
         """Return the body with the errors of estimated attitude and velocity."""
         c = self._config
         north, east = true.error.velocity
-        if not (c.heading_bias_deg or c.heading_drift_deg_s or true.error.heading):
+        wrong = true.error.heading or any(true.error.lean)
+        if not (c.heading_bias_deg or c.heading_drift_deg_s or wrong):
             return true
         roll, pitch = true.error.tilt(true.heading)
         error = math.radians(c.heading_bias_deg + c.heading_drift_deg_s * time) + true.error.heading

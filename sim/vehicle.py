@@ -170,7 +170,7 @@ class Vehicle:
             self._agenda.every(("gusts",), Air.GUST_STEP_US, 0, self._flight.air.gust)
         if self.config.sensors.gps_error_m > 0 or any(event.action.startswith("gps_") for event in self.config.events):
             self._agenda.every(("position",), DRIFT_STEP_US, 0, self._flight.step_position_error)
-        if self.config.attitude_error > 0:
+        if self.config.attitude_error > 0 or self.config.unaided_tilts:
             self._agenda.every(("estimate",), DRIFT_STEP_US, 0, self._flight.step_estimate_error)
         for i, event in enumerate(self.config.events):
             self._agenda.put(("event", i), round(event.at_s * SECOND), partial(self._run_event, event))

@@ -4,7 +4,7 @@ its setpoint."""
 import math
 from dataclasses import dataclass
 
-from ..body import GRAVITY, Body, pieces, to_earth, within
+from ..body import GRAVITY, Body, air_drag, pieces, to_earth, within
 from ..config import Airframe
 from ..demands import BodyVelocity, Demand, EarthVelocity, Spin, Tilt
 from .multicopter import DRAG, DraggedCopter, Multicopter, YawLoop
@@ -20,13 +20,14 @@ ARDUPILOT_LEAN_DEG, PX4_LEAN_DEG = 30.0, 45.0  # defaults of ANGLE_MAX and MPC_T
 
 @dataclass(frozen=True)
 class TiltingCopter:
-    """A multicopter flown by attitude setpoints. Its tilt accelerates it until drag balances (4 deg of pitch: 3.7 m/s).
+    """A multicopter flown by attitude setpoints. Its tilt accelerates it until drag balances (10 deg of pitch: 4.6 m/s).
 
-    max_turn_rate: rad/s. drag: drag coefficient, 1/s.
+    max_turn_rate: rad/s. drag: linear part of the drag, 1/s. quadratic: True if the drag grows with the speed.
     """
 
     max_turn_rate: float
     drag: float = DRAG
+    quadratic: bool = True
 
     def step(self, body: Body, demand: Tilt | Spin, dt: float, wind: tuple[float, float]) -> Body:
         for h in pieces(dt, STEP):
@@ -53,9 +54,11 @@ class TiltingCopter:
 
     def _move(self, turned: Body, before: Body, demand: Tilt | Spin, h: float, wind: tuple[float, float]) -> Body:
         forward, right = -GRAVITY * math.tan(turned.pitch), GRAVITY * math.tan(turned.roll) / math.cos(turned.pitch)
-        (north, east), (air_north, air_east) = to_earth(forward, right, turned.heading), before.through_air(wind)
-        velocity_north = before.velocity_north + (north - self.drag * air_north) * h
-        velocity_east = before.velocity_east + (east - self.drag * air_east) * h
+        (north, east), air = to_earth(forward, right, turned.heading), before.through_air(wind)
+        linear = self.drag * air[0], self.drag * air[1]
+        drag = air_drag(self.drag, air, turned.heading) if self.quadratic else linear
+        velocity_north = before.velocity_north + (north - drag[0]) * h
+        velocity_east = before.velocity_east + (east - drag[1]) * h
         down = self._sink(turned, before, demand, h)
         return turned._replace(
             north=before.north + (before.velocity_north + velocity_north) / 2 * h,
@@ -139,4 +142,4 @@ def copter_airframe(config: Airframe) -> CopterAirframe:
     drag = DRAG if config.drag_per_s is None else config.drag_per_s
     real = Multicopter(yaw_loop, drag, math.radians(config.max_lean_deg or ARDUPILOT_LEAN_DEG))
     held = real if config.dynamics == "realistic" else ideal
-    return CopterAirframe(held, TiltingCopter(limit), carried=config.dynamics == "airborne")
+    return CopterAirframe(held, TiltingCopter(limit, drag), carried=config.dynamics == "airborne")

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 
-from ..body import GRAVITY, Body, at_most, lean, pieces, second_order, through_line, within
+from ..body import GRAVITY, Body, air_drag, at_most, lean, pieces, second_order, through_line, within
 from ..config import Airframe
 from ..demands import Brake, EarthVelocity
 
@@ -15,7 +15,7 @@ SPEED_LAG = 0.5  # s
 MOST_ACCELERATION = 2.5  # m/s^2, WPNAV_ACCEL
 SLOW = 0.5  # m/s: below this speed the course is undefined
 STOPPED = 0.1  # m/s: below this speed the velocity loop takes over from braking
-DRAG = 0.185  # 1/s: 4 deg of pitch hold 3.7 m/s
+DRAG = 0.24  # 1/s, linear part: 10 deg of pitch hold 4.6 m/s
 TRIM_TIME = 2.0  # time constant in which the integrator (PSC_VELXY_P / I) compensates a new wind, s
 
 # PX4's loop
@@ -92,17 +92,19 @@ class Multicopter:
         """Apply the drag that a change of the wind causes. The loop compensates it within TRIM_TIME."""
         gust_north, gust_east = wind[0] - body.trimmed_wind[0], wind[1] - body.trimmed_wind[1]
         share = h / TRIM_TIME
+        before = air_drag(self.drag, body.through_air(body.trimmed_wind), body.heading)
+        after = air_drag(self.drag, body.through_air(wind), body.heading)
         return body._replace(
-            velocity_north=body.velocity_north + self.drag * gust_north * h,
-            velocity_east=body.velocity_east + self.drag * gust_east * h,
+            velocity_north=body.velocity_north + (before[0] - after[0]) * h,
+            velocity_east=body.velocity_east + (before[1] - after[1]) * h,
             trimmed_wind=(body.trimmed_wind[0] + gust_north * share, body.trimmed_wind[1] + gust_east * share),
         )
 
     def _thrust(self, moved: Body, before: Body, h: float) -> tuple[float, float]:
         """Return the horizontal acceleration by thrust: that of the flown step, plus drag in the trimmed wind."""
-        air_north, air_east = before.through_air(before.trimmed_wind)
-        north = (moved.velocity_north - before.velocity_north) / h + self.drag * air_north
-        east = (moved.velocity_east - before.velocity_east) / h + self.drag * air_east
+        drag_north, drag_east = self._drag(before)
+        north = (moved.velocity_north - before.velocity_north) / h + drag_north
+        east = (moved.velocity_east - before.velocity_east) / h + drag_east
         return north, east
 
     def _leant(self, moved: Body, before: Body, wanted: EarthVelocity, h: float) -> Body:
@@ -119,11 +121,14 @@ class Multicopter:
             north, east = along * ahead[0] - across * ahead[1], along * ahead[1] + across * ahead[0]
         else:
             north, east = at_most(north, east, most)
-        air_north, air_east = before.through_air(before.trimmed_wind)
+        drag_north, drag_east = self._drag(before)
         return moved._replace(
-            velocity_north=before.velocity_north + (north - self.drag * air_north) * h,
-            velocity_east=before.velocity_east + (east - self.drag * air_east) * h,
+            velocity_north=before.velocity_north + (north - drag_north) * h,
+            velocity_east=before.velocity_east + (east - drag_east) * h,
         )
+
+    def _drag(self, body: Body) -> tuple[float, float]:
+        return air_drag(self.drag, body.through_air(body.trimmed_wind), body.heading)
 
     def _tilted(self, moved: Body, before: Body, h: float) -> Body:
         """Set the attitude that gives the acceleration just flown and balances the drag of the compensated wind."""

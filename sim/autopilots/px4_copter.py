@@ -43,7 +43,7 @@ class Px4Copter(Px4):
         real = DraggedCopter(yaw_loop.configured(vehicle), drag, math.radians(lean))
         ideal = Unicycle(limit, vehicle.turn_lag_s, vehicle.speed_lag_s)
         by_velocity = ideal if vehicle.dynamics == "unicycle" else real
-        self._airframe = CopterAirframe(by_velocity, TiltingCopter(limit, drag=drag))
+        self._airframe = CopterAirframe(by_velocity, TiltingCopter(limit, drag, quadratic=False))
         self._hold = (start.north, start.east, start.down)
         self._demand: Demand = Brake()
 
