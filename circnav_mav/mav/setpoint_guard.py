@@ -37,12 +37,15 @@ class UnsafeSetpointError(Exception):
 @dataclass(frozen=True, slots=True)
 class Limits:
     """Limits of commands: max_yaw_rate in rad/s, max_speed in m/s, max_bank in rad (attitude setpoints), max_stick in
-    thousandths (MANUAL_CONTROL)."""
+    thousandths (roll of MANUAL_CONTROL), max_pitch_stick and max_yaw_stick likewise, 0 for vehicles that are not pitched or
+    yawed by stick."""
 
     max_yaw_rate: float
     max_speed: float
     max_bank: float = 0.0
     max_stick: float = 1000.0
+    max_pitch_stick: float = 0.0
+    max_yaw_stick: float = 0.0
 
 
 class SetpointGuard:
@@ -98,8 +101,11 @@ def _attitude_within(message: Message, limits: Limits) -> bool:
 
 
 def _stick_within(message: Message, limits: Limits) -> bool:
-    untouched = message.x == message.r == message.buttons == message.enabled_extensions == 0
-    return bool(untouched and abs(message.y) <= limits.max_stick and 0 <= message.z <= 1000)
+    untouched = message.buttons == message.enabled_extensions == 0
+    pitched = abs(message.x) <= limits.max_pitch_stick
+    rolled = abs(message.y) <= limits.max_stick
+    yawed = abs(message.r) <= limits.max_yaw_stick
+    return bool(untouched and pitched and rolled and yawed and 0 <= message.z <= 1000)
 
 
 _CHECKS: Mapping[str, tuple[Callable[[Message, Limits], bool], str]] = {

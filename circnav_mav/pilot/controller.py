@@ -1,7 +1,7 @@
 """From an estimate to a setpoint message: law, turn-rate gain, setpoint guard, adapter of the vehicle."""
 
 from dataclasses import replace
-from math import ceil
+from math import ceil, tan
 
 from circnav_mav.guidance.air_drag import AirspeedHold
 from circnav_mav.guidance.circle_change import MIN_INTERVAL, NEAR, SPEED_SHARE, CircleRequest, LapCounter, obstacle
@@ -12,7 +12,7 @@ from circnav_mav.guidance.turn_answer import LearnedResponse
 from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, TurnCommand, TurnRate
 from circnav_mav.mav.autopilots.interface import SetpointContext
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.frames import YawRate, turn_rate_from_yaw_rate, yaw_rate_from_turn_rate
+from circnav_mav.mav.frames import GRAVITY, YawRate, turn_rate_from_yaw_rate, yaw_rate_from_turn_rate
 from circnav_mav.mav.session import Session
 from circnav_mav.mav.setpoint_guard import Limits, SetpointGuard, Steer
 from circnav_mav.pilot.mission_state import Phase
@@ -52,12 +52,17 @@ class Controller:
         self._loop = ClosedLoop(orbit, settings.tuning.choice(orbit), self.answer, settings.radius_trim)
         self._later, self._laps = list(settings.later_radii), LapCounter()
         self._changed_at = self._spaced_at = float("-inf")
+        stick = ceil(facts.stick(facts.max_bank))
+        if facts.tilts_by_stick:
+            stick = ceil(facts.tilt_stick(GRAVITY * tan(facts.max_bank)))
         self._guard = SetpointGuard(
             Limits(
                 max_yaw_rate=orbit.max_turn_rate,
                 max_speed=orbit.speed * (1 if settings.circle_limits.keeps_speed else 1 + SPEED_SHARE),
                 max_bank=facts.max_bank,
-                max_stick=ceil(facts.stick(facts.max_bank)),
+                max_stick=stick,
+                max_pitch_stick=stick if facts.tilts_by_stick else 0,
+                max_yaw_stick=1000 if facts.tilts_by_stick else 0,
             )
         )
         self.turns = self.answer.monitor

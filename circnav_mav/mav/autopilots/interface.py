@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import atan, radians
+from math import atan, radians, tan
 from typing import ClassVar, NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
@@ -32,6 +32,8 @@ TRUSTED_AGAIN = (0.6, 1.5)
 prevents steps of thrust and bank when noise crosses the bound."""
 FULL_STICK = 50.0
 """Bank at full stick, deg: the default of PX4's FW_R_LIM."""
+FULL_TILT = 35.0
+"""Tilt of a copter at full stick, deg: the default of PX4's MPC_MAN_TILT_MAX."""
 FOLLOWED = 1.1
 """Largest ratio of the requested acceleration to the acceleration limit that the vehicle still follows. In flight,
 ArduCopter followed 1.05."""
@@ -49,17 +51,22 @@ class VehicleFacts:
 
     speed: V, m/s. max_bank: rad, for vehicles that turn by banking, and for copters flown by attitude in every
     direction. trim_thrust: thrust in level flight at V, 0 to 1, for vehicles with thrust setpoints. drag: coefficient of
-    `guidance.air_drag`, 1/s, for copters flown by attitude.
+    `guidance.air_drag`, 1/s, for copters flown by attitude. tilts_by_stick: True for a copter flown by the sticks.
     """
 
     speed: float
     max_bank: float = 0.7
     trim_thrust: float = 0.63
     drag: float = 0.25
+    tilts_by_stick: bool = False
 
     def stick(self, bank: float) -> float:
         """Return the roll stick of MANUAL_CONTROL, thousandths to the right, for a bank (rad, right positive)."""
         return 1000 * min(max(bank / radians(FULL_STICK), -1.0), 1.0)
+
+    def tilt_stick(self, push: float) -> float:
+        """Return the pitch or roll stick of a copter, thousandths, for a push, m/s^2. Both have the same sign."""
+        return 1000 * min(max(push / (GRAVITY * tan(radians(FULL_TILT))), -1.0), 1.0)
 
 
 class SetpointContext(NamedTuple):
@@ -127,6 +134,8 @@ class Autopilot(ABC):
     """True if the vehicle must be in the air before it is engaged."""
     banks: ClassVar[bool] = False
     """True if the vehicle turns by banking. The mission must then limit the bank."""
+    tilts_by_stick: ClassVar[bool] = False
+    """True for a copter flown by the sticks."""
     airspeed_from_drag: ClassVar[bool] = False
     """True for a copter flown by attitude: circnav holds its airspeed, which the accelerometer measures. The mission
     must limit the tilt (vehicle.max_bank_deg)."""

@@ -1,21 +1,32 @@
-"""PX4 multicopter in OFFBOARD."""
+"""PX4 multicopter in OFFBOARD, and in ALTCTL by stick without any position."""
+
+from math import copysign, radians, tan
+from types import MappingProxyType
 
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.guidance.velocity_loop import VelocityLoop
-from circnav_mav.mav.autopilots.interface import COPTER_TYPES, SetpointContext, body_velocity
+from circnav_mav.mav.autopilots.interface import COPTER_TYPES, FULL_TILT, SetpointContext, body_velocity
 from circnav_mav.mav.autopilots.parameters import (
+    FAIL,
+    PASS,
+    WARN,
     Context,
+    Judge,
+    Verdict,
+    always,
     at_least,
     enough_lean,
     enough_speed,
     lean_limit,
+    one_of,
     rule,
+    timeout,
     velocity_limit,
 )
-from circnav_mav.mav.autopilots.px4 import OFFBOARD_RULES, PX4Vehicle
+from circnav_mav.mav.autopilots.px4 import ALTCTL, AUTO, OFFBOARD_RULES, PX4Vehicle, custom_mode, main_and_sub
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.frames import body_from_level
+from circnav_mav.mav.frames import GRAVITY, body_from_level
 from circnav_mav.mav.setpoint_guard import MAX_CLIMB, Steer
 
 _yaw_rate_limit = at_least(
@@ -73,3 +84,80 @@ class PX4Copter(PX4Vehicle):
         if altitude is None or to.height is None:
             return 0.0
         return min(max(CLIMB_GAIN * (altitude - to.height), -MAX_CLIMB), MAX_CLIMB)
+
+
+FULL_YAW = 150.0
+"""Yaw rate at full stick, deg/s: the default of MPC_MAN_Y_MAX."""
+DEADZONE = 0.1
+"""Default of MAN_DEADZONE: share of the yaw stick round its center without effect."""
+CUBIC = 0.6
+"""Cubic share of the yaw stick's curve (PX4, Sticks::getYawExpo)."""
+_BY_STICK = "the setpoint assumes {:g}: set it"
+_NO_STICKS = (FAIL, "sticks from MAVLink are ignored: set it to 1 (MAVLink only)")
+_OUR_STICKS = (PASS, "only sticks from MAVLink are used: the pilot takes over by changing the mode, not by the sticks")
+_OTHER_STICKS = (WARN, "the pilot's transmitter may replace our sticks: set it to 1 (MAVLink only)")
+
+
+def yaw_stick(yaw_rate: float) -> float:
+    """Return the yaw stick of MANUAL_CONTROL, thousandths to the right, for a yaw rate, rad/s clockwise.
+
+    PX4 removes a dead zone, then bends the deflection x to (1 - CUBIC) x + CUBIC x^3. This is the inverse.
+    """
+    share = min(abs(yaw_rate) / radians(FULL_YAW), 1.0)
+    x = share
+    for _ in range(8):  # Newton's method: monotonic curve, a start inside [0, 1]
+        x -= ((1 - CUBIC) * x + CUBIC * x**3 - share) / ((1 - CUBIC) + 3 * CUBIC * x**2)
+    deflection = DEADZONE + (1 - DEADZONE) * x if share > 0 else 0.0
+    return copysign(1000 * min(deflection, 1.0), yaw_rate)
+
+
+def _equals(wanted: float) -> Judge:
+    """Return a judge of a parameter that scales the sticks."""
+
+    def judge(value: float, context: Context) -> Verdict:
+        if abs(value / wanted - 1) > 0.02:
+            return FAIL, _BY_STICK.format(wanted)
+        return PASS, "as the setpoint assumes"
+
+    return judge
+
+
+class PX4CopterStick(PX4Vehicle):
+    """ALTCTL (2): all sticks by MANUAL_CONTROL, for flights without any position. PX4 holds the height.
+
+    MANUAL_CONTROL: x (forward) and y (right) command a horizontal push of the thrust, full stick is that of
+    MPC_MAN_TILT_MAX. z = 500 holds the height, r commands a yaw rate. The wind carries the copter. After a silence of
+    COM_RC_LOSS_T PX4 counts the sticks as lost: without a position it descends where it is. LOITER and RTL require a
+    position.
+    """
+
+    name = "px4 copter by stick"
+    bundled = ("px4_copter",)
+    vehicle_types = COPTER_TYPES
+    guided_mode = custom_mode(ALTCTL)
+    exits = MappingProxyType({"land": PX4Vehicle.exits["land"]})
+    default_exit = "land"
+    shapes = frozenset({("MANUAL_CONTROL", None)})
+    airspeed_from_drag = tilts_by_stick = True
+    parameters = (
+        rule(
+            "COM_RC_IN_MODE", one_of({0: _NO_STICKS, 1: _OUR_STICKS, 4: _NO_STICKS}, _OTHER_STICKS), advised=always(1)
+        ),
+        rule("COM_RC_LOSS_T", timeout("counts the sticks as lost, and descends without a position")),
+        rule("MPC_MAN_TILT_MAX", _equals(FULL_TILT), advised=always(FULL_TILT)),
+        rule("MPC_MAN_Y_MAX", _equals(FULL_YAW), advised=always(FULL_YAW)),
+        rule("MAN_DEADZONE", _equals(DEADZONE), optional=True, advised=always(DEADZONE)),
+    )
+
+    def wants_setpoints_in(self, mode: int | None) -> bool:
+        """True in AUTO modes, which ignore the sticks; manual modes follow them. PX4 rejects ALTCTL without sticks."""
+        return mode is not None and main_and_sub(mode)[0] == AUTO
+
+    def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
+        """Return the sticks of the coordinated turn at the held airspeed."""
+        forward, left = to.push if steer.speed > 0 else (0.0, 0.0)
+        most = GRAVITY * tan(self._facts.max_bank)
+        right = min(max(steer.yaw_rate * steer.speed - left, -most), most)
+        x = round(self._facts.tilt_stick(min(max(forward, -most), most)))
+        y = round(self._facts.tilt_stick(right))
+        return dialect.MAVLink_manual_control_message(to.target_system, x, y, 500, round(yaw_stick(steer.yaw_rate)), 0)

@@ -4,7 +4,7 @@ from circnav_mav.mav.autopilots.ardupilot_copter import ArduCopter, ArduCopterAt
 from circnav_mav.mav.autopilots.ardupilot_plane import ArduPlane
 from circnav_mav.mav.autopilots.ardupilot_rover import ArduRover
 from circnav_mav.mav.autopilots.interface import Autopilot, VehicleFacts
-from circnav_mav.mav.autopilots.px4_copter import PX4Copter
+from circnav_mav.mav.autopilots.px4_copter import PX4Copter, PX4CopterStick
 from circnav_mav.mav.autopilots.px4_plane_attitude import PX4PlaneAttitude
 from circnav_mav.mav.autopilots.px4_plane_stick import PX4PlaneStick
 
@@ -14,6 +14,7 @@ AUTOPILOTS: dict[tuple[str, str], type[Autopilot]] = {
     ("ardupilot", "plane"): ArduPlane,
     ("ardupilot", "rover"): ArduRover,
     ("px4", "copter"): PX4Copter,
+    ("px4", "copter stick"): PX4CopterStick,
     ("px4", "plane"): PX4PlaneStick,
     ("px4", "plane attitude"): PX4PlaneAttitude,
 }

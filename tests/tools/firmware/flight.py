@@ -32,6 +32,7 @@ VEHICLES = {
     "home_copter": Vehicle(BEHIND_ARDUPILOT, "copter", "home_copter", 60.0, 7.0, 30.0, 400.0),
     "rover": Vehicle(BEHIND_ARDUPILOT, "rover", "ardurover", 20.0, 3.0, 0.0, 200.0),
     "px4_copter": Vehicle(BEHIND_PX4, "copter", "px4_copter", 50.0, 5.0, 20.0, 300.0),
+    "px4_copter_nogps": Vehicle(BEHIND_PX4, "copter", "px4_copter_nogps", 50.0, 5.0, 20.0, 300.0),
     "px4_plane": Vehicle(BEHIND_PX4, "plane", "px4_plane", 60.0, 10.0, 40.0, 240.0),
     "px4_plane_attitude": Vehicle(BEHIND_PX4, "plane", "px4_plane_attitude", 60.0, 10.0, 40.0, 240.0),
 }

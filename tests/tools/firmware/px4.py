@@ -23,7 +23,7 @@ TO_APP, GROUND_STATION = 14540, 18570
 """UDP ports of the first instance: the port that it sends companion messages to, and the port on which it receives a
 ground station."""
 ALTCTL, OFFBOARD = 2 << 16, 6 << 16
-TAKEOFF, LOITER = 4 << 16 | 2 << 24, 4 << 16 | 3 << 24
+TAKEOFF, LOITER, LAND = 4 << 16 | 2 << 24, 4 << 16 | 3 << 24, 4 << 16 | 6 << 24
 MODEL = {"copter": "sihsim_quadx", "plane": "sihsim_airplane"}
 STREAMS = {
     mavlink.MAVLINK_MSG_ID_ATTITUDE: 50,
@@ -52,7 +52,7 @@ class Px4(Firmware):
 
     def __init__(self, flight: Flight) -> None:
         self._flight, self._kind = flight, flight.what.kind
-        self.guided = ALTCTL if flight.vehicle == "px4_plane" else OFFBOARD
+        self.guided = ALTCTL if flight.vehicle in ("px4_plane", "px4_copter_nogps") else OFFBOARD
         self.steered = frozenset((self.guided,))
         self.holding = LOITER
         self.shared, self._instance = self._claimed()
@@ -137,6 +137,8 @@ class Px4(Firmware):
         """Remove all satellites. The bytes of an integer are sent in the float field."""
         (none,) = struct.unpack("<f", struct.pack("<i", 0))
         bench.send_parameter("SIM_GPS_USED", none, mavlink.MAV_PARAM_TYPE_INT32)
+        if self._kind == "copter":  # LOITER requires a position
+            self.holding = LAND
 
     def ask_mode(self, bench: Bench, mode: int) -> None:
         """Request a mode once, without waiting."""

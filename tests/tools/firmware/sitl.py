@@ -168,6 +168,8 @@ class ArduPilot(Firmware):
     def without_gps(self, bench: Bench) -> None:
         """Disable GPS reception."""
         bench.send_parameter("SIM_GPS_DISABLE", 1)
+        if self._kind == "copter":  # BRAKE requires a position
+            self.holding = ALT_HOLD
 
     def ask_mode(self, bench: Bench, mode: int) -> None:
         """Request a mode once, without waiting."""
