@@ -12,7 +12,7 @@ from ..links import Message
 from ..params import Parameter
 from ..world import HOME_AMSL_M
 from .contract import IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Command, Say
-from .px4 import LAND, LOITER, NEEDS_STICKS, OFFBOARD, RTL, TAKEOFF, Px4
+from .px4 import ALTCTL, LAND, LOITER, NEEDS_STICKS, OFFBOARD, RTL, TAKEOFF, Px4
 from .px4_targets import NOTHING, Trajectory
 from .tables import px4_identity, px4_parameters
 
@@ -20,6 +20,7 @@ DECIDE_US, IDLE_US = 20_000, 500_000
 MOST_YAW_RATE = 2.25  # rad/s, as flown with MC_YAWRATE_MAX 200 deg/s
 POSITION_GAIN, YAW_GAIN, HEIGHT_GAIN = 0.95, 2.8, 1.0
 FASTEST, CLIMB, SINK = 12.0, 3.0, 1.5  # m/s, MPC_XY_VEL_MAX and the vertical limits
+DEADZONE, CUBIC = 0.1, 0.6  # of the yaw stick: MAN_DEADZONE, and the cubic share of its curve
 UNHELD_SINK = 0.7  # m/s: ALTCTL without sticks or position, as flown
 IDENTITY = px4_identity(mav_type=2)
 
@@ -33,6 +34,9 @@ class Px4Copter(Px4):
             Parameter("MC_YAWRATE_MAX", 200.0),
             Parameter("MPC_XY_VEL_MAX", FASTEST),
             Parameter("MPC_TILTMAX_AIR", vehicle.max_lean_deg or PX4_LEAN_DEG),
+            Parameter("MPC_MAN_TILT_MAX", 35.0),
+            Parameter("MPC_MAN_Y_MAX", 150.0),
+            Parameter("MAN_DEADZONE", DEADZONE),
             Parameter("MIS_TAKEOFF_ALT", 2.5),
             Parameter("RTL_RETURN_ALT", 60.0),
         )
@@ -75,6 +79,8 @@ class Px4Copter(Px4):
             if isinstance(self._setpoint, (Tilt, Spin)):
                 return self._setpoint
             return self._from_trajectory(self._setpoint)
+        if mode == ALTCTL and self.sticks_alive(self._decide_at):
+            return self._by_sticks(self._decide_at)
         if mode in NEEDS_STICKS and not self.position:
             return EarthVelocity(body.velocity_north * 0.9, body.velocity_east * 0.9, UNHELD_SINK)
         if mode == LAND or not self.position:
@@ -84,6 +90,18 @@ class Px4Copter(Px4):
         if mode == TAKEOFF:
             return self._taking_off()
         return _towards(body, *self._hold, min(FASTEST, self.cruise or FASTEST))
+
+    def _by_sticks(self, now: int) -> Tilt:
+        """Return the tilt of ALTCTL: the sticks push the copter horizontally, the height is held."""
+        timeout = self.params.microseconds("COM_RC_LOSS_T")
+        most = math.tan(math.radians(self.params["MPC_MAN_TILT_MAX"]))
+        forward, right = at_most(self.sticks.forward(now, timeout), self.sticks.roll(now, timeout), 1.0)
+        deflection = self.sticks.yaw(now, timeout)
+        free = max(0.0, abs(deflection) - DEADZONE) / (1 - DEADZONE)
+        curved = math.copysign((1 - CUBIC) * free + CUBIC * free**3, deflection)
+        yaw_rate = curved * math.radians(self.params["MPC_MAN_Y_MAX"])
+        roll, pitch = math.atan(right * most), -math.atan(forward * most)
+        return Tilt(roll, pitch, yaw_rate=yaw_rate)
 
     def _from_trajectory(self, setpoint: Trajectory | None) -> Demand:
         """Return the demand: velocities plus the output of the position loop. With an incomplete setpoint, brake."""

@@ -8,11 +8,11 @@ IGNORED_AXIS = 32767
 
 
 class Sticks:
-    """The roll stick and the time of its last message. ArduPilot accepts only messages from SYSID_MYGCS."""
+    """The sticks for roll, pitch and yaw, and the time of their last message. ArduPilot accepts only messages from SYSID_MYGCS."""
 
     def __init__(self, system: int) -> None:
         self._system = system
-        self._roll = 0.0
+        self._roll = self._forward = self._yaw = 0.0
         self.last: int | None = None
 
     def receive(self, message: Message, now: int, pilot: int | None) -> bool:
@@ -22,6 +22,7 @@ class Sticks:
         kind = message.get_type()
         if kind == "MANUAL_CONTROL" and message.target == self._system and message.y != IGNORED_AXIS:
             self._roll, self.last = within(message.y / 1000, 1.0), now
+            self._forward, self._yaw = within(message.x / 1000, 1.0), within(message.r / 1000, 1.0)
             return True
         if kind == "RC_CHANNELS_OVERRIDE" and message.chan1_raw != IGNORED_PWM:
             released = message.chan1_raw == RELEASED_PWM
@@ -33,6 +34,14 @@ class Sticks:
     def roll(self, now: int, timeout: int) -> float:
         """Return the deflection, -1 to 1, right positive; 0 if the last message is older than `timeout` (us)."""
         return self._roll if self.alive(now, timeout) else 0.0
+
+    def forward(self, now: int, timeout: int) -> float:
+        """Return the pitch stick, -1 to 1, forward positive; 0 as in `roll`."""
+        return self._forward if self.alive(now, timeout) else 0.0
+
+    def yaw(self, now: int, timeout: int) -> float:
+        """Return the yaw stick, -1 to 1, right positive; 0 as in `roll`."""
+        return self._yaw if self.alive(now, timeout) else 0.0
 
     def alive(self, now: int, timeout: int) -> bool:
         return self.last is not None and now - self.last < timeout
