@@ -21,8 +21,9 @@ from circnav_mav.guidance.types import OwnMotion
 
 EQUAL_DRAG_SPEED = 8.0
 """v_2, m/s."""
-SMOOTHING = 0.5
-"""Time constant of the low-pass on the speed along each axis, s. Below it, gusts and vibration dominate."""
+FORWARD_TIME, LEFT_TIME = 0.5, 1.0
+"""Time constants of the low-pass on the speed along each axis, s. Below them, gusts and vibration dominate. The speed to
+the left changes the heading of the path, and so the turn command: noise counts more there."""
 LONGEST_STEP = 0.5
 """Gap between two reports, s, after which the filters restart."""
 MAX_SLIP = 0.6
@@ -70,11 +71,10 @@ class AirVelocity(NamedTuple):
         step = own.time - self.time
         if not 0 <= step <= LONGEST_STEP:
             return AirVelocity(own.time, forward, left)
-        share = 1 - exp(-step / SMOOTHING)
         return AirVelocity(
             own.time,
-            self.forward + (forward - self.forward) * share,
-            self.left + (left - self.left) * share,
+            forward + (self.forward - forward) * exp(-step / FORWARD_TIME),
+            left + (self.left - left) * exp(-step / LEFT_TIME),
         )
 
     def motion(self, own: OwnMotion) -> OwnMotion:

@@ -233,6 +233,8 @@ def homing(
     start, towards = way[0], radians(flown.wind_from + 180.0)
     wind = flown.wind * cos(towards), flown.wind * sin(towards)
     airspeed = hypot(start.v_north - wind[0], start.v_east - wind[1])
+    if flown.what.kind == "copter":  # it starts from hovering
+        airspeed = flown.speed
     north, east = target(engaged)
     straight = straight_way((north - start.north, east - start.east), wind, airspeed, HOME)
     took = way[near[0]].time - engaged
