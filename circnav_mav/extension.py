@@ -31,7 +31,6 @@ class Extension:
     schemas: pydantic models of other files, by the names that `circnav schema` takes.
     survey_forecast: function from a mission and the time on its circle (s) to the expected standard deviation of the
         beacon's place, m, or None.
-    files: names of the files that the extra writes into a run folder.
     order: place among the commands that `circnav --help` lists.
     """
 
@@ -47,7 +46,6 @@ class Extension:
     report_section: str | None = None
     schemas: Mapping[str, str] = field(default_factory=dict)
     survey_forecast: str | None = None
-    files: Sequence[str] = ()
     order: int = 100
 
 

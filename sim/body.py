@@ -50,7 +50,6 @@ class EstimateError(NamedTuple):
         off = turned + HARD_IRON * math.sin(heading)
         return EstimateError((north, east), (lean_north, lean_east), off, turned)
 
-
     def unaided(self, dt: float, acceleration: tuple[float, float]) -> "EstimateError":
         """Return the error dt later without GPS, as ArduPilot's EKF3 has it.
 

@@ -230,31 +230,6 @@ def emulate() -> None:
     """
 
 
-@circnav.group(short_help="Delete old run folders.")
-def runs() -> None:
-    """Manage run folders.
-
-    \b
-    Example:
-        circnav runs clean --older-than 30d --keep 5
-    """
-
-
-@command("circnav_mav.cli.runs:clean_runs", group=runs, short_help="Delete old run folders; asks first.")
-@click.argument("folder", type=click.Path(exists=True, file_okay=False), default="runs")
-@click.option("--older-than", default="30d", metavar="AGE", help="Age, such as 12h, 30d or 4w.")
-@click.option("--keep", type=click.IntRange(0), default=5, metavar="N", help="Keep the newest N.")
-@click.option("--yes", is_flag=True, help="Delete without asking.")
-def clean() -> None:
-    """List the old runs of FOLDER [default: runs], and delete them after a question. Only folders with a recorded
-    flight and nothing else are listed.
-
-    \b
-    Example:
-        circnav runs clean --older-than 30d --keep 5
-    """
-
-
 @command("circnav_mav.cli.params:print_parameters", short_help="Print the autopilot parameters that a mission needs.")
 @click.argument("path", type=FileOrName("mission"), metavar="MISSION")
 @SET
@@ -279,25 +254,6 @@ def schema() -> None:
     Example:
         circnav schema mission > mission.schema.json
     """
-
-
-@circnav.command(short_help="Print what a shell needs to complete commands.")
-@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
-def completion(shell: str) -> int:
-    """Print the script that lets SHELL complete commands, options and bundled missions.
-
-    \b
-    Examples, for each new shell:
-        circnav completion bash > ~/.local/share/bash-completion/completions/circnav
-        circnav completion zsh > "${fpath[1]}/_circnav"
-        circnav completion fish > ~/.config/fish/completions/circnav.fish
-    """
-    from click.shell_completion import get_completion_class
-
-    kind = get_completion_class(shell)
-    assert kind is not None
-    click.echo(kind(circnav, {}, "circnav", "_CIRCNAV_COMPLETE").source())
-    return Exit.DONE
 
 
 def main() -> None:

@@ -105,7 +105,7 @@ def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, epoch_us: int) 
         version=__version__,
         epoch_us=epoch_us,
         recording_problem=recorder.problem,
-        voice=pilot.settings.output_mode.value,
+        output_mode=pilot.settings.output_mode.value,
         clock_speed=pilot.session.clock_speed.noticed,
         engaged_s=pilot.mission.engaged_at,
         until_s=recorder.until,

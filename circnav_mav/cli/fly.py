@@ -21,7 +21,7 @@ from circnav_mav.foreign import read_text
 from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import VEHICLE, Ending, OutputMode, Pilot
-from circnav_mav.pilot.loop_step import OLD_STEPS, STEPS
+from circnav_mav.pilot.loop_step import STEPS
 from circnav_mav.runtime.clock import Clock, local_time_name
 from circnav_mav.runtime.display import display_for
 from circnav_mav.runtime.links import Link
@@ -40,7 +40,7 @@ EXITS = {
 MOST_WATCHED = 10.0
 """Simulation speed, times real time, up to which the display is refreshed at a constant rate in real time. Above it,
 the rate is constant in run time."""
-RECORDED = ("flight.tlog", STEPS, OLD_STEPS, "ticks.csv", "summary.json", "manifest.json")
+RECORDED = ("flight.tlog", STEPS, "ticks.csv", "summary.json", "manifest.json")
 """Files by which a folder is recognized as a recorded flight."""
 
 

@@ -17,13 +17,12 @@ from circnav_mav.mav.ranging.interface import describe_rejected
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import VEHICLE, OutputMode, Pilot, PilotSettings
-from circnav_mav.pilot.loop_step import LoopStep
+from circnav_mav.pilot.loop_step import STEPS, LoopStep
 from circnav_mav.report.plots import plot_replay
 from circnav_mav.runlog.atomic_write import atomic_write
-from circnav_mav.runlog.loop_steps import LogClock, LogSources, has_requests, recorded_steps, steps_file, tlog_steps
+from circnav_mav.runlog.loop_steps import LogClock, LogSources, recorded_steps, tlog_steps
 from circnav_mav.runlog.replay import (
     ReplayResult,
-    as_flown_before,
     as_ticks,
     differences,
     held_gain,
@@ -65,7 +64,7 @@ def replay_log(
 def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str | None) -> None:
     """Replay the recorded steps of a run folder, with its own mission or another."""
     run = open_run(Path(log).parent if Path(log).is_file() else Path(log))
-    if not steps_file(run.folder).is_file():
+    if not (run.folder / STEPS).is_file():
         raise Refused(
             f"{run.folder}: has no steps.csv; copy its flight.tlog to another folder and replay the copy with --mission"
         )
@@ -82,7 +81,7 @@ def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str 
     gain = _held_gain(run, settings)
     settings = settings if gain is None else replace(settings, turn_gain=gain)
     with refusing(run.folder):
-        pilot = Pilot(settings if has_requests(run.folder) else as_flown_before(settings))
+        pilot = Pilot(settings)
     empty = "nothing to replay: flight.tlog or steps.csv is empty, or damaged from its beginning on"
     done = _replayed(run.folder, pilot, recorded_steps(run.folder), empty=empty)
     whole = _say_damage(run, done, pilot)

@@ -112,7 +112,7 @@ def _figures(run: Run, mission: Mission) -> dict[str, Any]:
     return summarise(
         FlightFacts(
             mission=run.name,
-            voice=run.output_mode,
+            output_mode=run.output_mode,
             outcome=manifest.get("outcome") or "unfinished",
             reason=manifest.get("reason") or "the process ended before the flight",
             orbit=mission.orbit,

@@ -13,9 +13,9 @@ NOTABLE = 1.0
 def verdict(summary: dict[str, Any], folder: Path) -> str:
     """Return the result of a flight in a few lines. summary: from `summarise`, with additions of onlookers."""
     lines = [f"{summary['outcome'].upper()}: {summary['reason']}"]
-    if summary["voice"] != "fly":
-        voice = f"{summary['voice'].upper():<9}"
-        lines.append(f"  {voice}  no setpoint sent, would have steered for {summary['steered_s']:.0f} s")
+    if summary["output_mode"] != "fly":
+        title = f"{summary['output_mode'].upper():<9}"
+        lines.append(f"  {title}  no setpoint sent, would have steered for {summary['steered_s']:.0f} s")
     elif summary["engaged_s"] is not None:
         lines += _circle(summary)
     lines.append(f"  ranges     {summary['samples_accepted']} accepted, {_refused(summary['samples_rejected'])}")

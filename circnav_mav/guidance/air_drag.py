@@ -22,8 +22,8 @@ from circnav_mav.guidance.types import OwnMotion
 EQUAL_DRAG_SPEED = 8.0
 """v_2, m/s."""
 FORWARD_TIME, LEFT_TIME = 0.5, 1.0
-"""Time constants of the low-pass on the speed along each axis, s. Below them, gusts and vibration dominate. The speed to
-the left changes the heading of the path, and so the turn command: noise counts more there."""
+"""Time constants of the low-pass on the speed along each axis, s. Below them, gusts and vibration
+dominate. The speed to the left changes the heading of the path, and so the turn command."""
 LONGEST_STEP = 0.5
 """Gap between two reports, s, after which the filters restart."""
 MAX_SLIP = 0.6

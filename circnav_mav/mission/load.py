@@ -4,7 +4,6 @@ import os
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
-from copy import deepcopy
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from circnav_mav.extension import table_models
 from circnav_mav.mission.clashes import clashes
 from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.problems import MOST_SHOWN, in_words
-from circnav_mav.mission.schema import REMOVED, MissionFile
+from circnav_mav.mission.schema import MissionFile
 
 
 class MissionError(Exception):
@@ -95,30 +94,15 @@ def mission_of(table: Mapping[str, Any], where: str, text: str = "") -> Mission:
     be recorded. Raises MissionError."""
     if "mission" in table and "vary" in table:
         raise MissionError(f"{where}: is a campaign file, fly it with: circnav campaign {where}")
-    table, removed = _without_removed(table)
     try:
         file = whole_schema().model_validate(table)
     except ValidationError as error:
         raise MissionError(f"{where}: {in_words(error, whole_schema())}") from None
     if problems := list(clashes(file)):
         raise MissionError(f"{where}: {'; '.join(problems)}")
-    mission = Mission(file, text, removed)
+    mission = Mission(file, text)
     _check_numbers(mission, where)
     return mission
-
-
-def _without_removed(table: Mapping[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Return a copy of the table without the removed keys of earlier versions, and the names of those it contained."""
-    table_copy, found = deepcopy(dict(table)), []
-    for key in REMOVED:
-        *tables, name = key.split(".")
-        inner: Any = table_copy
-        for one in tables:
-            inner = inner.get(one) if isinstance(inner, dict) else None
-        if isinstance(inner, dict) and name in inner:
-            del inner[name]
-            found.append(key)
-    return table_copy, tuple(found)
 
 
 @cache

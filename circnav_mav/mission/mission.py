@@ -46,12 +46,11 @@ class Mission:
     """A validated mission.
 
     file: values of the mission file, with units in the names, and with the tables of extras, which the core does not
-    read. text: the file as flown. removed_keys: keys of earlier versions in the file, without effect.
+    read. text: the file as flown.
     """
 
     file: MissionFile
     text: str
-    removed_keys: tuple[str, ...] = ()
 
     @property
     def radii(self) -> tuple[float, ...]:

@@ -4,7 +4,6 @@ The bounds reject implausible values (a tick of 1 kHz, a bank of 80 deg). `check
 flyable.
 """
 
-from collections.abc import Iterable
 from ipaddress import ip_network
 from typing import Annotated, Any, Literal, Self
 
@@ -79,40 +78,6 @@ def _rising(points: list[list[float]]) -> list[list[float]]:
         advice = "must be two points or more, [true, reported], both rising, such as [[0, 4.4], [50, 57.6]]"
         raise PydanticCustomError("points", advice)
     return points
-
-
-REMOVED = {
-    "vehicle.max_turn_acceleration_deg_s2": "the command is not slewed",
-    "vehicle.climb_gain_per_s": "0.5",
-    "vehicle.max_climb_mps": "1 m/s",
-    "vehicle.full_stick_bank_deg": "50 degrees, which FW_R_LIM must be",
-    "vehicle.loops.thrust_per_mps": "0.08",
-    "vehicle.loops.thrust_per_bank": "0.25",
-    "vehicle.loops.pitch_deg_per_m": "1.146",
-    "vehicle.loops.pitch_deg_per_mps": "2.292",
-    "vehicle.loops.max_pitch_deg": "15 degrees",
-    "guidance.gate_sigma": "5",
-    "guidance.min_samples": "5",
-    "ranging.min_range_m": "the limit that the message reports",
-    "ranging.max_range_m": "the limit that the message reports",
-    "ranging.rate_sigma_mps": "0.3 m/s until it is measured in flight",
-    "ranging.resent": "repeated values count once",
-    "link.sim_speed": "the option --speed of circnav fly",
-    "limits.outage_s": "60 s, or limits.hold_s if that is longer",
-    "limits.round_trip_s": "1.2 times limits.stale_s",
-    "signing.link_id": "0",
-    "log": "2000 MB as the largest run folder",
-    "locate.range_bias_m": "2 m",
-    "handback.every_s": "1 s",
-}
-"""Removed keys and tables of earlier versions that are still accepted, and the values used instead."""
-
-
-def advice(removed: Iterable[str]) -> str:
-    """Return one line about removed keys of earlier versions: the values used instead, and the remedy."""
-    names = list(removed)
-    used = "; ".join(f"{name} is no longer a key (used instead: {REMOVED[name]})" for name in names)
-    return f"{used}: delete {'it' if len(names) == 1 else 'them'}"
 
 
 class Table(BaseModel):

@@ -207,6 +207,4 @@ class Controller:
         if engaged and self._height is None:
             self._height = motion.altitude
         push = self.airspeed_hold.push(self.speed)
-        return SetpointContext(
-            *session.vehicle_ids, motion=motion, height=self._height, drag=self.drag, push=push
-        )
+        return SetpointContext(*session.vehicle_ids, motion=motion, height=self._height, drag=self.drag, push=push)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.guidance.types import Direction
 
-STEPS, OLD_STEPS = "steps.csv", "turns.csv"
-"""Files of the steps in a run folder, and in run folders of earlier versions."""
+STEPS = "steps.csv"
+"""File of the steps in a run folder."""
 HELD_BACK = "held"
 """Entry of steps.csv in place of a count of frames: the frames were not sent."""
 

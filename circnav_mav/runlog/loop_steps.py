@@ -20,7 +20,7 @@ from circnav_mav.mav.ranging.reader import RangeReader
 from circnav_mav.mav.ranging.sources import RangeSource
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.pilot import Pilot
-from circnav_mav.pilot.loop_step import HELD_BACK, OLD_STEPS, STEPS, LoopStep, requests_from
+from circnav_mav.pilot.loop_step import HELD_BACK, STEPS, LoopStep, requests_from
 from circnav_mav.runlog.tlog import message_id, read_tlog, read_unbroken
 
 LINKS = {"v": "vehicle", "r": "ranging"}
@@ -33,16 +33,10 @@ LONGEST_SILENCE = 3_600_000_000
 """Longest gap in a log, us. A larger step forward means that the clock was set, such as from 1970 to now."""
 
 
-def steps_file(folder: Path) -> Path:
-    """Return the path of the steps of a run folder, also of an earlier version."""
-    old = folder / OLD_STEPS
-    return old if old.is_file() else folder / STEPS
-
-
 def recorded_steps(folder: Path) -> Iterator[LoopStep]:
     """Yield the steps of a run folder, up to the first damage or the end of either file. Raises OSError."""
     frames = (frame for _, frame in read_unbroken(folder / "flight.tlog"))
-    with closing(read_lines(steps_file(folder), errors="replace")) as lines:
+    with closing(read_lines(folder / STEPS, errors="replace")) as lines:
         rows = csv.reader(lines)
         try:
             next(rows, ())
@@ -51,12 +45,6 @@ def recorded_steps(folder: Path) -> Iterator[LoopStep]:
         except (ValueError, TypeError, KeyError, csv.Error):
             # Frames are assigned to steps by their count. After a damaged line, the assignment is unknown.
             return
-
-
-def has_requests(folder: Path) -> bool:
-    """True if the run folder was recorded by a version that stores requests for another circle. Raises OSError."""
-    with steps_file(folder).open(encoding="utf-8", errors="replace") as file:
-        return "requests" in file.readline()
 
 
 def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
@@ -69,16 +57,16 @@ def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
             raise ValueError("the log ends")
         return taken
 
-    time_us, datagrams, sent, hello, interrupt, *later = row
+    time_us, datagrams, sent, hello, interrupt, attached, requests, exchanged = row
     parts, held_back = (datagram.partition("*") for datagram in datagrams.split()), sent == HELD_BACK
     return LoopStep(
         int(time_us) / 1e6,
         received=[(LINKS[source[:1]], source, take(int(count))) for source, _, count in parts],
         sent=take(0 if held_back else int(sent or 0)),
         hello=take(int(hello or 0)),
-        attached=take(int(later[0] or 0) if later else 0),
-        requests=requests_from(later[1]) if len(later) > 1 else [],
-        exchanged=take(int(later[2] or 0) if len(later) > 2 else 0),
+        attached=take(int(attached or 0)),
+        requests=requests_from(requests),
+        exchanged=take(int(exchanged or 0)),
         interrupt=interrupt,
         held_back=held_back,
     )

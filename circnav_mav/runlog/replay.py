@@ -103,16 +103,6 @@ def without_timeouts(settings: PilotSettings) -> PilotSettings:
     return replace(settings, timing=endless, ranging_apart=False, stream_links=frozenset())
 
 
-def as_flown_before(settings: PilotSettings) -> PilotSettings:
-    """Return settings to replay a flight of an old version. That version neither checked for a second range source
-    before steering, nor handed back a vehicle that did not follow."""
-    return replace(
-        settings,
-        timing=replace(settings.timing, unfollowed=inf),
-        ranging=replace(settings.ranging, listens=False),
-    )
-
-
 def held_gain(settings: PilotSettings, flown: PilotSettings, was: Ticks) -> float | None:
     """Return the turn-rate gain to hold in the replay, or None to estimate it as in flight."""
     # The recorded headings respond to the turns that were flown. If the replay commands other turns, the gain cannot be

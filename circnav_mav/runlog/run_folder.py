@@ -83,8 +83,6 @@ def open_run(folder: Path) -> Run:
     if not is_run(folder):
         raise RunError(f"{folder}: is not a run folder: flight.tlog or mission.toml is missing")
     manifest, summary = _table(folder / "manifest.json"), dict[str, Any]()
-    if "voice" in manifest:  # the key in run folders of earlier versions
-        manifest.setdefault("output_mode", manifest.pop("voice"))
     with suppress(RunError):  # its figures can be computed again
         summary = _table(folder / "summary.json")
     epoch = manifest.get("epoch_us") or summary.get("epoch_us")

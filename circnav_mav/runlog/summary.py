@@ -27,7 +27,7 @@ class FlightFacts:
     """Facts known at the end of a flight. The summary holds them under the same names, except orbit and the last three.
 
     engaged_s, until_s: run time of engaging and of the last tick, s, recorded or not; None: take them from the recorded
-    ticks. voice: output mode of the pilot. clock_speed: speed of the autopilot's clock if it differed from real time.
+    ticks. output_mode: output mode of the pilot. clock_speed: speed of the autopilot's clock if it differed from real time.
     orbit: first circle. later_radii: radii of the circles after it, m, flown or not.
     """
 
@@ -43,7 +43,7 @@ class FlightFacts:
     epoch_us: int
     recording_problem: str | None
     frames_refused: dict[str, int] = field(default_factory=dict)
-    voice: str = "fly"
+    output_mode: str = "fly"
     clock_speed: float | None = None
     engaged_s: float | None = None
     until_s: float | None = None

@@ -76,7 +76,7 @@ class LiveScreen:
         if not self._live.is_started:
             self._live.start()
         console = self._live.console
-        self._live.update(self._picture.draw(status, console.width, console.height), refresh=True)
+        self._live.update(self._picture.draw(status, console.width), refresh=True)
 
     def close(self) -> None:
         """Keep the last picture on the terminal."""

@@ -1,15 +1,11 @@
-"""Live picture of a flight on a terminal: at least 80 columns, about 20 rows. A large terminal shows track and range,
-too. Colors only repeat what the words state."""
+"""Live picture of a flight on a terminal: at least 80 columns, about 20 rows. Colors only repeat what the words state."""
 
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import pi
 from textwrap import wrap
 
-from rich.console import Group, RenderableType
 from rich.panel import Panel
-from rich.table import Table
 from rich.text import Text
 
 from circnav_mav.foreign import printable
@@ -17,7 +13,6 @@ from circnav_mav.guidance.types import TurnRate
 from circnav_mav.mav.frames import yaw_rate_from_turn_rate
 from circnav_mav.pilot import PilotSettings, TickRecord
 from circnav_mav.pilot.mission_state import Phase
-from circnav_mav.runtime.plan import History
 from circnav_mav.runtime.status import SILENCED, Status, status_facts
 
 STYLES = {Phase.ENGAGED: "green", Phase.HOLDING: "yellow", Phase.YIELDED: "magenta", Phase.LEAVING: "cyan"}
@@ -31,9 +26,6 @@ ALARM, LABEL = "ALARM", 12
 """Label of an alarm, and width of each label, columns."""
 MOST_ALARMS, MOST_REASONS = 3, 3
 """Alarms, and reasons for rejected ranges, that fit into the picture."""
-LARGE, TALL, LEAST_CHART = 120, 20, 8
-"""Columns and rows of a terminal from which the track is shown beside the facts, and minimum rows of the chart of the
-range below the facts. Chosen: 40 columns are left for the track."""
 HOW_TO_STOP = "Ctrl-C ends the flight. In any other flight mode, circnav stops sending."
 
 
@@ -62,33 +54,14 @@ class Picture:
         self._settings, self._signs = settings, ASCII if ascii_only else FINE
         self._title = f"{name}: {settings.circles}"
         self._errors: deque[tuple[int, float]] = deque(maxlen=CELLS + WIDEST - NARROWEST)
-        self._history, self._ascii = History(), ascii_only
-        self._width, self._facts_tall = NARROWEST, 0
+        self._width = NARROWEST
 
-    def draw(self, status: Status, columns: int = NARROWEST, rows: int = 0) -> RenderableType:
-        """Return the picture of a status. columns, rows: size of the terminal. Alarms are near the top, because a
-        terminal with few rows shows only the first ones."""
-        self._history.add(status.tick)
-        tall = rows - 1  # the line below the picture holds the cursor
-        aside = min(columns - NARROWEST, 2 * tall) if columns >= LARGE and rows >= TALL else 0
-        facts = self.facts(status, columns - aside)
-        if not aside:
-            return facts
-        orbit, desired = self._settings.orbit, status.tick.desired or self._settings.orbit.radius
-        lap, style, facts_tall = 2 * pi * desired / orbit.speed, _style(status), self._facts_tall
-        plan = self._history.plan(desired, lap, aside - 4, min(tall, aside // 2) - 2, ascii_only=self._ascii)
-        parts: list[RenderableType] = [facts]
-        if (left := tall - facts_tall - 2) >= LEAST_CHART:
-            drawn = self._history.ranges(desired, self._width - 4, left, ascii_only=self._ascii)
-            span = f"range over {self._history.span:.0f} s"
-            parts.append(Panel(drawn, title=span, border_style=style, width=self._width))
-        both = Table.grid()
-        title = "estimated track, seen from above"
-        both.add_row(Group(*parts), Panel(plan, title=title, border_style=style, width=aside))
-        return both
+    def draw(self, status: Status, columns: int = NARROWEST) -> Panel:
+        """Return the picture of a status: a panel of texts and bars. Alarms are near the top, because a terminal with
+        few rows shows only the first ones.
 
-    def facts(self, status: Status, columns: int) -> Panel:
-        """Return the panel of texts and bars. columns: its width, limited to NARROWEST and WIDEST."""
+        columns: width of the terminal. The panel is at least NARROWEST and at most WIDEST wide.
+        """
         self._width = min(max(columns, NARROWEST), WIDEST)
         folded = self._folded(status.alarms[:MOST_ALARMS])
         alarms: list[Row] = [(ALARM, Text(line, "bold reverse red")) for line in folded]
@@ -108,7 +81,6 @@ class Picture:
             shown = self._fitted(value) if isinstance(value, str) else value
             text.append(f"{name:<{LABEL}}", "bold red" if name == ALARM else "").append(shown).append("\n")
         text.right_crop()
-        self._facts_tall = len(rows) + 2
         return Panel(
             text, title=f"{self._title}, t = {status.time:.1f} s", subtitle=HOW_TO_STOP,
             border_style=_style(status), width=self._width,

@@ -174,7 +174,7 @@ def test_signals_that_a_drivers_package_takes_for_itself_still_end_the_flight_sa
 @pytest.mark.parametrize(("option", "voice"), [("--dry-run", "dry run"), ("--shadow", "shadow")])
 def test_a_flight_that_may_not_steer_sends_no_setpoint(circnav, tmp_path, option, voice):
     assert "setpoints  0 sent" in circnav("fly", "quickstart", option, "--duration", 2, "--out", tmp_path / "run").done
-    assert strict(tmp_path / "run" / "summary.json")["voice"] == voice
+    assert strict(tmp_path / "run" / "summary.json")["output_mode"] == voice
 
 
 def moments(folder, *phases):

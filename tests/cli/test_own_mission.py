@@ -1,16 +1,12 @@
-"""Bundled missions by name, a custom mission, its schema, completion, and removal of old runs."""
+"""Bundled missions by name, a custom mission, and its schema."""
 
 import json
-import os
-import time
 import tomllib
-from pathlib import Path
 
 import pytest
 
 from circnav_mav.cli.bundled import CONFIG
 from circnav_mav.cli.init import schema_text
-from circnav_mav.runtime.recorder import Recorder
 
 SCHEMA = "mission.schema.json"
 TOML = [*CONFIG.glob("*.toml"), *(CONFIG / "campaigns").glob("*.toml")]
@@ -79,55 +75,3 @@ def keeps_to(schema, value, root) -> None:
         assert set(schema.get("required", ())) <= set(value) <= set(schema["properties"])
         for key, inner in value.items():
             keeps_to(schema["properties"][key], inner, root)
-
-
-def test_a_shell_is_told_how_to_complete_and_completes_bundled_missions(circnav, monkeypatch):
-    for shell in ("bash", "zsh", "fish"):
-        assert f"_CIRCNAV_COMPLETE={shell}_complete" in circnav("completion", shell).done
-    for name, value in (("_CIRCNAV_COMPLETE", "bash_complete"), ("COMP_WORDS", "circnav fly px4"), ("COMP_CWORD", "2")):
-        monkeypatch.setenv(name, value)
-    assert circnav().out.split() == ["file,px4", "plain,px4-copter", "plain,px4-plane", "plain,px4-plane-attitude"]
-
-
-@pytest.fixture
-def runs(tmp_path) -> Path:
-    """Three runs, 10, 40 and 50 days old, one of them with a user's notes, and items that are no runs."""
-    folder = tmp_path / "runs"
-    for name, days in (("young", 10), ("old", 40), ("noted", 50)):
-        (folder / name).mkdir(parents=True)
-        for file in ("flight.tlog", "mission.toml", "ticks.csv", "steps.csv", "report.html"):
-            (folder / name / file).write_text("x" * 1000)
-        os.utime(folder / name / "flight.tlog", (time.time() - 86400 * days,) * 2)
-    (folder / "old" / "replay.png").write_text("made later")
-    (folder / "noted" / "notes.txt").write_text("keep me")
-    (folder / "precious").mkdir()
-    (folder / "precious" / "flight.tlog").write_text("not a run folder")
-    (folder / "link").symlink_to(folder / "old")
-    return folder
-
-
-KEPT = {"young", "noted", "precious", "link"}
-
-
-@pytest.mark.parametrize(
-    ("options", "left", "says"),
-    [
-        ("--keep 0", KEPT | {"old"}, "1 of 3 runs: older than 30d, except the newest 0: 0.0 MB\nNothing is deleted"),
-        ("--keep 0 --older-than 6w --yes", KEPT | {"old"}, "0 of 3 runs"),
-        ("--keep 2 --older-than 1h --yes", KEPT | {"old"}, "0 of 3 runs"),
-        ("--keep 0 --older-than 30d --yes", KEPT, "noted   kept: notes.txt is not a file of circnav"),
-    ],
-    ids=["without a yes", "by age in weeks", "the newest stay however old", "the old ones and nothing else"],
-)
-def test_old_runs_are_shown_and_deleted_where_they_are_nothing_else(circnav, runs, options, left, says):
-    assert says in circnav("runs", "clean", *options.split()).done
-    assert {path.name for path in runs.iterdir()} == left
-
-
-def test_a_flight_that_is_being_recorded_is_not_deleted_however_old_its_frames_are(circnav, runs):
-    recorder = Recorder(runs / "long", "")
-    os.utime(recorder.folder / "flight.tlog", (0.0, 0.0))
-    said = circnav("runs", "clean", "--keep", "0", "--yes").done
-    assert f"{recorder.folder.relative_to(runs.parent)}   kept: its flight is being recorded" in said
-    assert {path.name for path in runs.iterdir()} == KEPT | {"long"}
-    recorder.close()

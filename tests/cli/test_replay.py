@@ -1,7 +1,6 @@
 """`circnav replay`: its output, and one line for every log that cannot be replayed."""
 
 import csv
-import json
 import re
 import struct
 from statistics import mean
@@ -24,20 +23,6 @@ def test_a_run_replayed_as_it_was_says_byte_for_byte_and_a_shorter_one_where_it_
     assert "turn rate        the same" in out
     assert re.search(r"completed: flown to its end \(at \d\.\d s; the log goes on to 1\d\.\d s\)", out)
     assert "stalled" not in out
-
-
-def test_a_run_folder_of_an_earlier_version_is_replayed_too(circnav, run):
-    """It has turns.csv instead of steps.csv, and the key `voice` instead of output_mode."""
-    (run / "steps.csv").rename(run / "turns.csv")
-    path = run / "manifest.json"
-    manifest = json.loads(path.read_text())
-    for voice, said in (
-        (manifest.pop("output_mode"), "byte for byte the same"),
-        ("glide", "output_mode: 'glide' is un"),
-    ):
-        path.write_text(json.dumps(manifest | {"voice": voice}))
-        ran = circnav("replay", run)
-        assert said in ran.out + ran.err
 
 
 def test_another_law_is_told_apart_and_drawn(circnav, flown, tmp_path):

@@ -44,7 +44,6 @@ PORT_IN_USE = "endpoint udpin:127.0.0.1:BUSY: port is in use by another program:
         ("emulate nowhere.toml", "nowhere.toml: "),
         ("emulate --endpoint ftp:here:21", '"ftp:here:21" is not an endpoint, write udpin:127.0.0.1:14550'),
         ("emulate --endpoint udpin:127.0.0.1:BUSY", "udpin:127.0.0.1:BUSY: cannot be opened: address already in use"),
-        ("runs clean . --older-than soon", "--older-than soon: write hours, days or weeks: 12h, 30d, 4w"),
         ("report nowhere", "nowhere: no such run folder"),
         ("replay nowhere", "nowhere: no such run folder"),
         *((f"{command} --out=", "--out: is empty, give it a name")
@@ -65,8 +64,8 @@ def test_usage_that_the_parser_refuses_is_exit_code_2_and_an_interrupt_130(circn
         assert "Error: " in ran.err
         assert "Traceback" not in ran.err
 
-    def interrupted(shell):
+    def interrupted(path, text):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("click.shell_completion.get_completion_class", interrupted)
-    assert circnav("completion", "bash").code == 130
+    monkeypatch.setattr("circnav_mav.cli.init.write_text", interrupted)
+    assert circnav("init", "plane").code == 130

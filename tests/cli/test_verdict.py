@@ -10,7 +10,7 @@ from circnav_mav.cli.verdict import verdict
 FIGURES = {"settled_s": 20.0, "radius_mean_m": 100.5, "radius_rms_error_m": 0.7}
 TRUTH: dict[str, Any] = {**FIGURES, "direction": "clockwise", "closest_approach_m": 97.0}
 SUMMARY: dict[str, Any] = {
-    "voice": "fly", "outcome": "completed", "reason": "flown to its end", "desired_radius_m": 100.0,
+    "output_mode": "fly", "outcome": "completed", "reason": "flown to its end", "desired_radius_m": 100.0,
     "direction": "clockwise", "direction_commanded": "clockwise", "engaged_s": 2.0, "flown_s": 60.0, **FIGURES,
     "steered_s": 60.0, "circles": [{}], "circles_wanted_m": [100.0], "clock_speed": None, "law_changes": 0,
     "turn_limit_cycle": False, "samples_accepted": 600, "samples_rejected": {"gated": 3}, "frames_refused": {},
@@ -37,7 +37,7 @@ def told(**changes: Any) -> str:
         ({}, "flown 60 s; "),
         ({"flown_s": 120.0, "steered_s": 70.0}, "flown 120 s (70 s steered); "),
         ({"flown_s": 120.0, "steered_s": 119.9}, "flown 120 s; "),
-        ({"voice": "dry run", "flown_s": 120.0, "steered_s": 70.0}, "would have steered for 70 s"),
+        ({"output_mode": "dry run", "flown_s": 120.0, "steered_s": 70.0}, "would have steered for 70 s"),
         ({}, "600 accepted, 3 rejected (3 gated)\n"),
         ({"samples_rejected": {"wrong_source": 599}}, "0 rejected (none); 599 of other senders ignored"),
         ({"samples_rejected": {"clock": 12, "too_old": 1, "other_sensor": 3}},

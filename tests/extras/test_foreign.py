@@ -96,7 +96,6 @@ READERS = {
     "report {1}": "manifest.json ticks.csv mission.toml flight.tlog",
     "replay {1}": "steps.csv mission.toml",
     "locate {1}": "flight.tlog",
-    "runs clean {2} --older-than 0h --keep 0 --yes": "flight.tlog",
     "fly quickstart --duration 1 --out {1}/out": "out/mission.toml",
 }
 

@@ -111,7 +111,7 @@ def test_nothing_changes_when_the_gps_returns() -> None:
 
 
 def test_short_loss_of_gps_changes_nothing() -> None:
-    events = f'sim.events=[{{at_s=20.0,action="gps_off"}},{{at_s=20.6,action="gps_on"}}]'
+    events = 'sim.events=[{at_s=20.0,action="gps_off"},{at_s=20.6,action="gps_on"}]'
     flown = flight("arducopter", events, law="auto").fly(30)
     assert flown.pilot.gps_loss.changed_at is None
     assert flown.vehicle.truth.mode == GUIDED

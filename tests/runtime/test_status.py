@@ -25,12 +25,12 @@ STALE = (
 )
 
 
-def drawn(*statuses, ascii_only=False, settings=SETTINGS, columns=80, rows=0):
+def drawn(*statuses, ascii_only=False, settings=SETTINGS, columns=80):
     """Return the picture of the last of these statuses as lines of text."""
     console = Console(width=columns, file=io.StringIO(), color_system=None)
     picture = Picture(settings, "small", ascii_only=ascii_only)
     for status in statuses:
-        last = picture.draw(status, columns, rows)
+        last = picture.draw(status, columns)
     console.print(last)
     return console.file.getvalue().splitlines()
 
@@ -191,26 +191,6 @@ def test_no_word_is_cut_at_80_columns_by_long_addresses_nor_the_limit_that_is_re
     assert told.strip("│ ") == "senders     1/1 at 192.168.144.11:14550, ranges of 1/192 at ..."
     assert re.search(r"heartbeat \d\.\d\d s old +│", next(line for line in lines if "│ link " in line))
     assert "commanded -20.0 deg/s (AT LIMIT 20.0)" in "\n".join(lines)
-
-
-@pytest.mark.parametrize("ascii_only", [False, True])
-def test_a_large_terminal_is_filled_with_the_track_and_the_range(statuses, ascii_only):
-    """Clockwise around the target: east of it the vehicle's arrow points south."""
-    flown = statuses(60.0, law="auto")
-    east = next(one for one in reversed(flown) if one.tick.x and one.tick.x > 95)
-    lines = drawn(*flown[: flown.index(east) + 1], ascii_only=ascii_only, columns=200, rows=50)
-    assert (len(lines), {len(line) for line in lines}) == (49, {200})
-    plan, below = [line[104:-2] for line in lines[1:-1]], lines[20:-1]
-    dots = [sum(not letter.isspace() for letter in line) for line in plan]
-    assert sum(dots) > 100, "a circle and a track"
-    row = next(number for number, line in enumerate(plan) if ("v" if ascii_only else "↓") in line)
-    target = next(number for number, line in enumerate(plan) if "+" in line)
-    assert abs(row - target) < 12
-    assert plan[row].index("v" if ascii_only else "↓") > 60, "east is to the right"
-    assert any("100 m" in line[:12] for line in below)
-    assert "estimated track, seen from above" in lines[0]
-    if ascii_only:
-        assert "".join(line.strip("│╭╮╰╯─ ") for line in plan).replace("─", "").isascii()
 
 
 # --- an alarm requires an action ---

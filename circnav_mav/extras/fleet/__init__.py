@@ -12,6 +12,5 @@ EXTENSION = Extension(
     emulates={"fleet": "circnav_mav.extras.fleet.emulate:emulate_fleet"},
     onlooker="circnav_mav.extras.fleet.settings:open_onlooker",
     report_section="circnav_mav.extras.fleet.section:report_section",
-    files=["fleet.csv"],
     order=15,
 )

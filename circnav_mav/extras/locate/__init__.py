@@ -18,16 +18,5 @@ EXTENSION = Extension(
     onlooker="circnav_mav.extras.locate.onlooker:open_onlooker",
     report_section="circnav_mav.extras.locate.report:report_section",
     survey_forecast="circnav_mav.extras.locate.forecast:survey_sigma",
-    files=[
-        "handback.csv",
-        "target.geojson",
-        "target.kml",
-        "target.png",
-        "locate.geojson",
-        "locate.kml",
-        "locate.png",
-        "calibration.toml",
-        "calibration.png",
-    ],
     order=10,
 )

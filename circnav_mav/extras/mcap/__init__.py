@@ -2,4 +2,4 @@
 
 from circnav_mav.extension import Extension
 
-EXTENSION = Extension(commands={"export": "circnav_mav.extras.mcap.commands:export"}, files=["flight.mcap"], order=30)
+EXTENSION = Extension(commands={"export": "circnav_mav.extras.mcap.commands:export"}, order=30)

@@ -21,9 +21,11 @@ class EstimatorSettings:
     speed: V, m/s. max_turn_rate: rad/s. gate: innovation gate in standard deviations. restart_after: consecutive
     samples outside the gate, consistent with each other, that restart the filter. min_samples: fewest samples before
     the estimate may steer. drift_sigma: typical drift, as a share of V. The drift of a vehicle that holds its ground
-    speed is the target's motion alone. scale_sigma: standard deviation of true over measured airspeed. scale_bounds: its
-    bounds. acceleration_bias: standard deviation of the lasting error of measured accelerations, m/s^2. least_gust:
-    smallest slowly varying error of the velocity through the air that a noise model assumes, as a share of V.
+    speed is the target's motion alone.
+
+    scale_sigma: standard deviation of true over measured airspeed.
+    scale_bounds: its bounds.
+    acceleration_bias: standard deviation of the lasting error of measured accelerations, m/s^2.
     """
 
     speed: float
@@ -35,7 +37,6 @@ class EstimatorSettings:
     scale_sigma: float = 0.05
     scale_bounds: tuple[float, float] = (0.85, 1.15)
     acceleration_bias: float = 0.2
-    least_gust: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

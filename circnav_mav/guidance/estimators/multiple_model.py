@@ -81,7 +81,6 @@ class MultipleModelFilter:
         """known: prior of drift and airspeed scale. It is discarded when a track is lost."""
         self._settings = settings
         models = np.array(MODELS)
-        models[:, 1] = np.maximum(models[:, 1], settings.least_gust)
         models[:, 1:3] *= settings.speed
         psd, gust, nose, acceleration_weight, white, drifting = models.T[..., None]
         bounds, bias = settings.scale_bounds, settings.acceleration_bias

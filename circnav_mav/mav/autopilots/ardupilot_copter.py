@@ -37,7 +37,6 @@ from circnav_mav.mav.autopilots.parameters import (
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.setpoint_guard import Steer
 
-
 MODE_NAMES = MappingProxyType(
     {0: "STABILIZE", 2: "ALT_HOLD", 3: "AUTO", 4: "GUIDED", 5: "LOITER", 6: "RTL", 9: "LAND", 16: "POSHOLD"}
     | {17: "BRAKE", 20: "GUIDED_NOGPS", 21: "SMART_RTL", 27: "AUTO_RTL"}
@@ -125,7 +124,9 @@ class ArduCopterAttitude(Autopilot):
         GCS_SYSTEM,
         rule(
             "FS_EKF_ACTION",
-            one_of({3: (FAIL, "lands even in modes without position: set 1 or 2")}, (PASS, "no action in GUIDED_NOGPS")),
+            one_of(
+                {3: (FAIL, "lands even in modes without position: set 1 or 2")}, (PASS, "no action in GUIDED_NOGPS")
+            ),
         ),
         Rule((("ANGLE_MAX", 0.01),), _tilt_limit, optional=True, unit="deg", advised=mission_bank),
         FENCE,

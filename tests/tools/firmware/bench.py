@@ -23,7 +23,17 @@ from typing import Any, Protocol
 from pymavlink.dialects.v20 import all as mavlink
 
 from tests.tools.firmware.flight import Flight
-from tests.tools.firmware.wire import GPS_HEALTH, LOOPBACK, POSITIONS, Setpoint, bound, frames, mode_shown, parser, setpoint
+from tests.tools.firmware.wire import (
+    GPS_HEALTH,
+    LOOPBACK,
+    POSITIONS,
+    Setpoint,
+    bound,
+    frames,
+    mode_shown,
+    parser,
+    setpoint,
+)
 
 BRING_UP_PATIENCE = 300.0
 ACCEPTED, IN_PROGRESS = 0, 5
