@@ -33,7 +33,8 @@ class Airframe(Table):
     through the air and drifts with the wind. "realistic" (default of the others) has the measured dynamics.
     boot_age_s: time since the autopilot's boot at time zero (its 32-bit milliseconds wrap at 4294967.296 s).
     odometry: velocity without GPS (optical flow, wheel encoders), valid once an origin is set (message 48).
-    drag_per_s: drag of copters; default: px4_copter 1.0, arducopter 0.24, the part linear in the speed. max_lean_deg: ANGLE_MAX (default 30),
+    drag_per_s: drag of copters; default: px4_copter 1.0, arducopter 0.24 (linear part).
+    max_lean_deg: ANGLE_MAX (default 30),
     MPC_TILTMAX_AIR (default 45). turn_frequency_rad_s, turn_damping: override the measured turn or roll loop; a damping
     below 0.3 rings. steering: "straight", "frozen" (repeats the last command), "turning" (12 deg/s) and "hovering"
     ignore turn commands. "reversed" and "weak" (a tenth) change them.

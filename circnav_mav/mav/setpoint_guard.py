@@ -36,9 +36,14 @@ class UnsafeSetpointError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits of commands: max_yaw_rate in rad/s, max_speed in m/s, max_bank in rad (attitude setpoints), max_stick in
-    thousandths (roll of MANUAL_CONTROL), max_pitch_stick and max_yaw_stick likewise, 0 for vehicles that are not pitched or
-    yawed by stick."""
+    """Limits of commands.
+
+    max_yaw_rate: rad/s.
+    max_speed: m/s.
+    max_bank: of attitude setpoints, rad.
+    max_stick: roll stick of MANUAL_CONTROL, thousandths.
+    max_pitch_stick, max_yaw_stick: likewise; 0 for vehicles that are not pitched or yawed by stick.
+    """
 
     max_yaw_rate: float
     max_speed: float

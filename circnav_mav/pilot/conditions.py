@@ -34,6 +34,7 @@ LOST = {
     "climb": "NO CLIMB RATE from the vehicle: the commanded pitch is not corrected for it",
 }
 """Alarms for telemetry that a steered vehicle no longer sends."""
+NO_PLACE = "the autopilot holds no place now"
 NOISE = "range noise {found[1]:.2g} m, expected {found[0]:.2g} m"
 
 
@@ -203,9 +204,9 @@ TABLE = (
     ),
     Condition(
         "gps_lost",
-        lambda p, now: p.gps_loss.changed_at is not None and [p.gps_loss.failure or "the autopilot holds no place now"],
-        long="GPS LOST: flown by attitude, {found[0]}. At the end the exit action is {p.exit_name}; without setpoints the "
-        "copter levels and drifts with the wind",
+        lambda p, now: p.gps_loss.changed_at is not None and [p.gps_loss.failure or NO_PLACE],
+        long="GPS LOST: flown by attitude, {found[0]}. At the end the exit action is {p.exit_name}; "
+        "without setpoints the copter levels and drifts with the wind",
     ),
     NOT_FOLLOWING,
     LIMIT_CYCLE,

@@ -56,8 +56,10 @@ class PilotSettings:
     are byte streams (TCP, serial), not datagrams. unsigned_links: links on which unsigned frames are accepted
     despite a signing key. height: height above the target. later_radii: radii of the circles after the first, m.
     circle_limits: limits of a change of the circle. unsigned_parameters: accept PARAM_SET on a link that is not
-    signed. flies_without_gps: continue by attitude setpoints if the GPS is lost. estimation_without_gps: settings of the
-    estimator from then on.
+    signed.
+
+    flies_without_gps: continue by attitude setpoints if the GPS is lost.
+    estimation_without_gps: settings of the estimator from then on.
     """
 
     orbit: Orbit

@@ -27,8 +27,7 @@ class FlightFacts:
     """Facts known at the end of a flight. The summary holds them under the same names, except orbit and the last three.
 
     engaged_s, until_s: run time of engaging and of the last tick, s, recorded or not; None: take them from the recorded
-    ticks. output_mode: output mode of the pilot. clock_speed: speed of the autopilot's clock if it differed from real time.
-    orbit: first circle. later_radii: radii of the circles after it, m, flown or not.
+    ticks. clock_speed: speed of the autopilot's clock if it differed from real time. orbit: first circle. later_radii: radii of the circles after it, m, flown or not.
     """
 
     mission: str

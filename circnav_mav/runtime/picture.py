@@ -1,4 +1,4 @@
-"""Live picture of a flight on a terminal: at least 80 columns, about 20 rows. Colors only repeat what the words state."""
+"""Live picture of a flight on a terminal: at least 80 columns, about 20 rows. Colors only repeat the words."""
 
 from collections import deque
 from collections.abc import Iterable

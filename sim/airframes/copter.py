@@ -20,7 +20,7 @@ ARDUPILOT_LEAN_DEG, PX4_LEAN_DEG = 30.0, 45.0  # defaults of ANGLE_MAX and MPC_T
 
 @dataclass(frozen=True)
 class TiltingCopter:
-    """A multicopter flown by attitude setpoints. Its tilt accelerates it until drag balances (10 deg of pitch: 4.6 m/s).
+    """A multicopter flown by attitude setpoints. Its tilt accelerates it until drag balances (10 deg: 4.6 m/s).
 
     max_turn_rate: rad/s. drag: linear part of the drag, 1/s. quadratic: True if the drag grows with the speed.
     """

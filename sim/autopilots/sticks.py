@@ -8,7 +8,7 @@ IGNORED_AXIS = 32767
 
 
 class Sticks:
-    """The sticks for roll, pitch and yaw, and the time of their last message. ArduPilot accepts only messages from SYSID_MYGCS."""
+    """The sticks for roll, pitch and yaw, and the time of their last message. ArduPilot accepts only SYSID_MYGCS."""
 
     def __init__(self, system: int) -> None:
         self._system = system

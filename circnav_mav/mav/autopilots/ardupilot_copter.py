@@ -80,6 +80,9 @@ YAW_LEAD = radians(20)
 commanded until it has caught up."""
 
 
+_LANDS_ALWAYS = (FAIL, "lands even in modes that need no position: set 1 or 2")
+
+
 def _options_without_gps(value: float, context: Context) -> Verdict:
     if int(value) & THRUST_AS_THRUST:
         return FAIL, "bit 3: thrust 0.5 would be half of the full thrust, not a held height: clear it"
@@ -122,12 +125,7 @@ class ArduCopterAttitude(Autopilot):
         rule("GUID_OPTIONS", _options_without_gps),
         rule("FS_GCS_ENABLE", gcs_failsafe("the copter leaves GUIDED_NOGPS after 5 s (without a position it lands)")),
         GCS_SYSTEM,
-        rule(
-            "FS_EKF_ACTION",
-            one_of(
-                {3: (FAIL, "lands even in modes without position: set 1 or 2")}, (PASS, "no action in GUIDED_NOGPS")
-            ),
-        ),
+        rule("FS_EKF_ACTION", one_of({3: _LANDS_ALWAYS}, (PASS, "no action in GUIDED_NOGPS"))),
         Rule((("ANGLE_MAX", 0.01),), _tilt_limit, optional=True, unit="deg", advised=mission_bank),
         FENCE,
     )

@@ -49,9 +49,11 @@ PLANE_TYPES = frozenset((dialect.MAV_TYPE_FIXED_WING,))
 class VehicleFacts:
     """Vehicle data from the mission.
 
-    speed: V, m/s. max_bank: rad, for vehicles that turn by banking, and for copters flown by attitude in every
-    direction. trim_thrust: thrust in level flight at V, 0 to 1, for vehicles with thrust setpoints. drag: coefficient of
-    `guidance.air_drag`, 1/s, for copters flown by attitude. tilts_by_stick: True for a copter flown by the sticks.
+    speed: V, m/s.
+    max_bank: rad, for vehicles that turn by banking, and for copters flown by attitude.
+    trim_thrust: thrust in level flight at V, 0 to 1, for vehicles with thrust setpoints.
+    drag: coefficient of `guidance.air_drag`, 1/s, for copters flown by attitude.
+    tilts_by_stick: True for a copter flown by the sticks.
     """
 
     speed: float
