@@ -109,7 +109,6 @@ def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, epoch_us: int) 
         clock_speed=pilot.session.clock_speed.noticed,
         engaged_s=pilot.mission.engaged_at,
         until_s=recorder.until,
-        later_radii=mission.radii[1:],
     )
     for known in ((ticks, truth), (ticks, None)):
         try:

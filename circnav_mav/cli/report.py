@@ -61,7 +61,7 @@ def _mission(run: Run) -> Mission:
 
 
 def _picture(run: Run, mission: Mission) -> None:
-    title = f"{run.name}: {mission.orbit.words(*mission.radii[1:])}, law {mission.law.name}"
+    title = f"{run.name}: {mission.orbit.words()}, law {mission.law.name}"
     plot_flight(run.folder / "flight.png", run.ticks, run.truth, mission.orbit, title)
 
 
@@ -70,7 +70,7 @@ def _page(run: Run, mission: Mission) -> None:
     summary = _figures(run, mission) | {key: run.summary[key] for key in READ_BACK & run.summary.keys()}
     if run.damage_text is not None:
         summary["recording_problem"] = "; ".join(filter(None, (summary["recording_problem"], run.damage_text)))
-    circles, gate = mission.orbit.words(*mission.radii[1:]), mission.estimation.gate
+    circles, gate = mission.orbit.words(), mission.estimation.gate
     write_report(run, mission.orbit, circles, gate, verdict(summary, run.folder), _settings(mission), _added(run))
 
 
@@ -125,7 +125,6 @@ def _figures(run: Run, mission: Mission) -> dict[str, Any]:
             recording_problem="summary.json is missing or incomplete: figures from the recorded ticks",
             engaged_s=engaged,
             until_s=None if engaged is None or flown is None else engaged + flown,
-            later_radii=mission.radii[1:],
         ),
         run.ticks,
         run.truth,

@@ -45,15 +45,12 @@ def _circle(summary: dict[str, Any]) -> list[str]:
     desired, truth = summary["desired_radius_m"], summary["truth"]
     flown, steered = summary["flown_s"], summary["steered_s"]
     of_these = f" ({steered:.0f} s steered)" if flown - steered > NOTABLE else ""
-    circles, wanted = summary["circles"], summary["circles_wanted_m"]
+    circles = summary["circles"]
     lines = [
         f"  before     circle of {circle['desired_radius_m']:g} m, begun at {circle['begun_s']:.0f} s: "
         f"{_figures(circle, circle['desired_radius_m'])}"
         for circle in circles[:-1]
     ]
-    if len(circles) < len(wanted):
-        left = ", ".join(f"{radius:g} m" for radius in wanted[len(circles) :])
-        lines.append(f"  WARNING    circle of {left} not begun: the circle before it was not completed")
     lines.append(f"  desired    {desired:g} m {summary['direction']}, flown {flown:.0f} s{of_these}; its last third:")
     lines.append(f"  estimated  {_figures(summary, desired)}")
     if truth is not None:

@@ -4,17 +4,14 @@ Every change is a request, which is checked here. Requests are recorded and repl
 """
 
 from dataclasses import dataclass, replace
-from math import inf, pi
+from math import inf
 from typing import NamedTuple
 
-from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate, TurnRate
+from circnav_mav.guidance.types import Direction, Orbit
 
-LAPS = 1.25
-"""Laps on each circle of a mission's list: one lap, and the last part of the approach, inside the band of NEAR."""
 NEAR = 0.1
 """Radius error, in units of the radius, within which a turn counts as flown on the circle."""
-LONGEST_STEP = 0.2
-"""Longest time between two steps that is counted, s: the turn during a gap is unknown."""
+
 MIN_INTERVAL = 0.1
 """Shortest time between two requests, s: a fleet adjusts its spacing at most half as often."""
 MAX_OFFSET_SHARE = 0.3
@@ -90,21 +87,3 @@ def obstacle(request: CircleRequest, orbit: Orbit, limits: CircleLimits) -> str:
         least = wanted.speed / able
         return f"radius {wanted.radius:g} m: min {least:.0f} m by turn rate"
     return ""
-
-
-class LapCounter:
-    """Counts laps from range and turn rate alone."""
-
-    def __init__(self) -> None:
-        self._turned, self._time = 0.0, inf
-
-    def complete(self, estimate: RangeEstimate, orbit: Orbit, turn_rate: TurnRate) -> bool:
-        """Add a steered step with this turn rate of the vehicle. Return True and restart after LAPS."""
-        dt = min(max(estimate.time - self._time, 0.0), LONGEST_STEP)
-        self._time = estimate.time
-        if abs(estimate.r - orbit.radius) <= NEAR * orbit.radius:
-            self._turned += orbit.direction.turn_sign * turn_rate * dt
-        if self._turned < LAPS * 2 * pi:
-            return False
-        self._turned = 0.0
-        return True

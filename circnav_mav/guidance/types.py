@@ -163,10 +163,9 @@ class Orbit:
         """Radius and direction, short enough for a STATUSTEXT."""
         return f"{self.radius:g} m {self.direction.value}"
 
-    def words(self, *then: float) -> str:
-        """Return a human-readable description. then: radii of the circles flown after it, m."""
-        radii = " then ".join(f"{radius:g} m" for radius in (self.radius, *then))
-        return f"{radii} {self.direction.value} at {self.speed:g} m/s"
+    def words(self) -> str:
+        """Return a human-readable description."""
+        return f"{self.radius:g} m {self.direction.value} at {self.speed:g} m/s"
 
     @property
     def steady_turn_rate(self) -> TurnRate:

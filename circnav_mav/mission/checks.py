@@ -1,11 +1,9 @@
 """Checks of a mission before a flight: one line per fact, with its value and bound."""
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
-from math import atan, ceil, degrees, floor, inf, isfinite, pi
+from collections.abc import Iterator
+from math import atan, ceil, degrees, floor, inf, isfinite
 
 from circnav_mav.extension import extensions, load
-from circnav_mav.guidance.circle_change import LAPS
 from circnav_mav.guidance.laws import LAWS, settling_time, tolerated_drift
 from circnav_mav.guidance.margin import DESIGN_DRIFT, drift_with_margin, radius_with_margin
 from circnav_mav.guidance.turn_answer import MEASUREMENT_DELAY
@@ -38,20 +36,9 @@ def check_mission(mission: Mission) -> list[Check]:
         *(_keys, _vehicle, _tilt, _estimator, _gain, _trim, _radius, _turn_rate, _acceleration),
         *(check_ranging, _drift, _margin, _signing),
     )
-    lines = [line for part in parts for line in _of_circles(mission, part)]
+    lines = [line for part in parts for line in part(mission)]
     of_extras = (line for extension in extensions() for check in extension.checks for line in load(check)(mission))
-    return [*lines, *_laps(mission), *of_extras]
-
-
-def _of_circles(mission: Mission, part: Callable[[Mission], Iterable[Check]]) -> Iterator[Check]:
-    """Run a part of the checks for each circle. Lines that differ between circles name the radius."""
-    circles = [list(part(circle)) for circle in mission.circles]
-    for radius, lines in zip(mission.radii, circles, strict=True):
-        for line in lines:
-            if not all(line in others for others in circles):
-                yield replace(line, text=f"{radius:g} m: {line.text}")
-            elif lines is circles[0]:
-                yield line
+    return [*lines, *of_extras]
 
 
 def _keys(mission: Mission) -> Iterator[Check]:
@@ -188,7 +175,7 @@ def drift_allowed(mission: Mission) -> float:
     """Return the largest drift (wind minus target velocity), m/s, in which the circle can be held. Not positive if the
     circle cannot be held in still air."""
     orbit = mission.orbit
-    return tolerated_drift(orbit.speed, min(mission.radii), orbit.max_turn_rate * mission.least_turn_gain)
+    return tolerated_drift(orbit.speed, mission.orbit.radius, orbit.max_turn_rate * mission.least_turn_gain)
 
 
 def _drift(mission: Mission) -> Iterator[Check]:
@@ -246,20 +233,6 @@ def _margin(mission: Mission) -> Iterator[Check]:
     radius = radius_with_margin(V, r_d, wanted, *_turn_loop(mission))
     larger = f"a radius of {ceil(radius):g} m suffices for up to {wanted:.1f} m/s" if isfinite(radius) else "lower V"
     yield Check(WARN, "margin", f"{words}; {larger}")
-
-
-def _laps(mission: Mission) -> Iterator[Check]:
-    """Check that the duration suffices for the laps of several circles, without the transitions between them."""
-    if len(mission.radii) == 1:
-        return
-    needed = sum(LAPS * 2 * pi * radius / mission.orbit.speed for radius in mission.radii)
-    given = mission.file.limits.duration_s
-    words = f"{LAPS:g} laps of each circle take {needed:.0f} s of limits.duration_s = {given:g} s"
-    yield Check(
-        graded(needed / given, warn_above=0.6, fail_above=1.0),
-        "laps",
-        f"{words}, not counting the time from one circle to the next",
-    )
 
 
 def _signing(mission: Mission) -> Iterator[Check]:

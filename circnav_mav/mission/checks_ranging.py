@@ -137,6 +137,6 @@ def height_cost(mission: Mission, height: float) -> Check:
 
     Horizontal range rho, height h: rho^2 = slant^2 - h^2, so that d rho = -h/rho dh.
     """
-    cost = abs(height) / min(mission.radii)
+    cost = abs(height) / mission.orbit.radius
     words = f"1 m of error in the height above the target ({height:.1f} m) changes the radius by {cost:.2f} m"
     return Check(WARN if cost > HEIGHT_COST else PASS, "height cost", f"{words} (WARN above {HEIGHT_COST:g})")

@@ -53,26 +53,14 @@ class Mission:
     text: str
 
     @property
-    def radii(self) -> tuple[float, ...]:
-        """Radii of the circles in their order, m."""
-        given = self.file.orbit.radius_m
-        return tuple(given) if isinstance(given, list) else (given,)
-
-    @property
-    def circles(self) -> tuple["Mission", ...]:
-        """Copies of the mission, each with one of its circles only."""
-        orbits = [self.file.orbit.model_copy(update={"radius_m": radius}) for radius in self.radii]
-        return tuple(replace(self, file=self.file.model_copy(update={"orbit": orbit})) for orbit in orbits)
-
-    @property
     def orbit(self) -> Orbit:
-        """First circle, in SI units and radians. max_turn_rate is the smaller of the given limit and the rate
+        """Circle, in SI units and radians. max_turn_rate is the smaller of the given limit and the rate
         of a coordinated turn at the bank limit."""
         vehicle = self.file.vehicle
         banked = GRAVITY * tan(radians(vehicle.max_bank_deg)) / vehicle.speed_mps if vehicle.max_bank_deg else inf
         given = radians(vehicle.max_turn_rate_deg_s) if vehicle.max_turn_rate_deg_s else inf
         direction = Direction(self.file.orbit.direction)
-        return Orbit(self.radii[0], direction, vehicle.speed_mps, min(banked, given))
+        return Orbit(self.file.orbit.radius_m, direction, vehicle.speed_mps, min(banked, given))
 
     @property
     def tuning(self) -> LawTuning:
@@ -91,7 +79,7 @@ class Mission:
 
     @property
     def law(self) -> LawChoice:
-        """Law with its gain on the first circle: the file's, or the default."""
+        """Law with its gain: the file's, or the default."""
         return self.tuning.choice(self.orbit)
 
     @property
@@ -243,7 +231,6 @@ class Mission:
             unsigned_links=self._unsigned_links(),
             height=self.height,
             tuning=self.tuning,
-            later_radii=self.radii[1:],
             unsigned_parameters=file.link.unsigned_parameters,
             flies_without_gps=self.flies_without_gps,
             estimation_without_gps=self._estimation_by_drag,
@@ -270,5 +257,5 @@ class Mission:
     def _ranging(self) -> RangingSettings:
         calibration = {"scale", "bias_m", "delay_s", "points_m"}
         given = self.file.ranging.model_dump(exclude={"endpoint", *calibration})
-        most = max(MOST_NOISE * min(self.radii), 3 * self.file.ranging.sigma_m)
+        most = max(MOST_NOISE * self.orbit.radius, 3 * self.file.ranging.sigma_m)
         return RangingSettings(**given, max_age=self.stale, max_sigma=most, calibration=self.file.ranging.calibration)

@@ -54,7 +54,7 @@ def parameter_context(mission: Mission, system: int, values: Mapping[str, float]
         tick=1 / mission.file.limits.tick_hz,
         system=system,
         values=values,
-        circle_turn_rate=mission.orbit.speed / min(mission.radii),
+        circle_turn_rate=mission.orbit.speed / mission.orbit.radius,
     )
 
 

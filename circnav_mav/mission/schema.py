@@ -7,7 +7,7 @@ flyable.
 from ipaddress import ip_network
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from circnav_mav.guidance.estimators.table import ESTIMATORS
@@ -29,8 +29,6 @@ MAX_PATIENCE = 3600.0
 probably meant in ms, and would disable the exit action."""
 MAX_NAME = 100
 """Largest number of characters in a mission's name. The name of the run folder consists of a time and this name."""
-MAX_CIRCLES = 50
-"""Largest number of circles. The live page receives all circles in one line through a pipe, at most 4 kB long."""
 Positive = Annotated[float, Field(gt=0, le=FAR)]
 NotNegative = Annotated[float, Field(ge=0, le=FAR)]
 Patience = Annotated[float, Field(ge=0, le=MAX_PATIENCE)]
@@ -53,21 +51,6 @@ def _addresses(given: Any) -> list[str]:
 
 
 Addresses = Annotated[list[str], BeforeValidator(_addresses)]
-_RADIUS = TypeAdapter(Positive, config=ConfigDict(strict=True, allow_inf_nan=False))
-
-
-def _radii(given: Any) -> float | list[float]:
-    """Validate a radius, or a list of them."""
-    if isinstance(given, list) and not 0 < len(given) <= MAX_CIRCLES:
-        raise PydanticCustomError("radii", f"must be a radius, or a list of 1 to {MAX_CIRCLES} radii")
-    if isinstance(given, list):
-        return [_RADIUS.validate_python(one) for one in given]
-    return _RADIUS.validate_python(given)
-
-
-Radii = Annotated[Positive | list[Positive], BeforeValidator(_radii)]
-
-
 Length = Annotated[float, Field(ge=0, le=1e6)]
 Point = Annotated[list[Length], Field(min_length=2, max_length=2)]
 
@@ -112,7 +95,7 @@ class VehicleTable(Table):
 class OrbitTable(Table):
     """[orbit]"""
 
-    radius_m: Radii
+    radius_m: Positive
     direction: Literal["clockwise", "counterclockwise"]
     height_above_target_m: NotNegative | None = None
     target_altitude_m: Height | None = None

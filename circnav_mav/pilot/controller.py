@@ -4,12 +4,12 @@ from dataclasses import replace
 from math import ceil, tan
 
 from circnav_mav.guidance.air_drag import AirspeedHold
-from circnav_mav.guidance.circle_change import MIN_INTERVAL, NEAR, SPEED_SHARE, CircleRequest, LapCounter, obstacle
+from circnav_mav.guidance.circle_change import MIN_INTERVAL, NEAR, SPEED_SHARE, CircleRequest, obstacle
 from circnav_mav.guidance.closed_loop import ClosedLoop
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.lean_limit import LeanLimit
 from circnav_mav.guidance.turn_answer import LearnedResponse
-from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, TurnCommand, TurnRate
+from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, TurnCommand
 from circnav_mav.mav.autopilots.interface import SetpointContext
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import GRAVITY, YawRate, turn_rate_from_yaw_rate, yaw_rate_from_turn_rate
@@ -50,7 +50,6 @@ class Controller:
         self.answer = LearnedResponse(lag, orbit.max_turn_rate, gain=gain, link=link)
         """Response of the vehicle to turn commands, and its limits, as used now."""
         self._loop = ClosedLoop(orbit, settings.tuning.choice(orbit), self.answer, settings.radius_trim)
-        self._later, self._laps = list(settings.later_radii), LapCounter()
         self._changed_at = self._spaced_at = float("-inf")
         stick = ceil(facts.stick(facts.max_bank))
         if facts.tilts_by_stick:
@@ -128,10 +127,7 @@ class Controller:
             return self._loop.hold(estimate, now)
         if phase is not Phase.ENGAGED or estimate is None:
             return None
-        command = self._loop.command(estimate, now)
-        if self._later and self._laps.complete(estimate, self.orbit, TurnRate(command.turn_rate * self.answer.gain)):
-            self.change_circle(CircleRequest(radius=self._later.pop(0), by="mission"), now)
-        return command
+        return self._loop.command(estimate, now)
 
     def change_circle(self, request: CircleRequest, now: float) -> str:
         """Fly another circle from now on. Return the reason if it cannot be flown, else an empty string."""

@@ -54,7 +54,7 @@ class PilotSettings:
     a takeover ends the mission (else it waits until the operator gives control back). exit: name of the exit
     action, None for the autopilot's default. ranging_apart: the radio has a separate link. stream_links: links that
     are byte streams (TCP, serial), not datagrams. unsigned_links: links on which unsigned frames are accepted
-    despite a signing key. height: height above the target. later_radii: radii of the circles after the first, m.
+    despite a signing key. height: height above the target.
     circle_limits: limits of a change of the circle. unsigned_parameters: accept PARAM_SET on a link that is not
     signed.
 
@@ -83,12 +83,6 @@ class PilotSettings:
     stream_links: frozenset[str] = frozenset()
     unsigned_links: frozenset[str] = frozenset()
     height: HeightSettings = field(default_factory=HeightSettings)
-    later_radii: tuple[float, ...] = ()
     unsigned_parameters: bool = False
     flies_without_gps: bool = False
     estimation_without_gps: EstimatorSettings = field(default_factory=lambda: EstimatorSettings(5.0, 0.5))
-
-    @property
-    def circles(self) -> str:
-        """All circles, human-readable."""
-        return self.orbit.words(*self.later_radii)

@@ -27,7 +27,7 @@ class FlightFacts:
     """Facts known at the end of a flight. The summary holds them under the same names, except orbit and the last three.
 
     engaged_s, until_s: run time of engaging and of the last tick, s, recorded or not; None: take them from the recorded
-    ticks. clock_speed: speed of the autopilot's clock if it differed from real time. orbit: first circle. later_radii: radii of the circles after it, m, flown or not.
+    ticks. clock_speed: speed of the autopilot's clock if it differed from real time. orbit: first circle.
     """
 
     mission: str
@@ -46,7 +46,6 @@ class FlightFacts:
     clock_speed: float | None = None
     engaged_s: float | None = None
     until_s: float | None = None
-    later_radii: tuple[float, ...] = ()
 
 
 def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str, Any]:
@@ -74,7 +73,7 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
     turned = np.nansum(metrics.last_part(ticks.time[flown & steered], ticks.numbers["turn_rate"][flown & steered]))
     commanded = None if turned == 0 else Direction.COUNTERCLOCKWISE if turned > 0 else Direction.CLOCKWISE
     summary = asdict(facts)
-    for used in ("orbit", "engaged_s", "until_s", "later_radii"):
+    for used in ("orbit", "engaged_s", "until_s"):
         del summary[used]
     return summary | {
         "desired_radius_m": orbit.radius,
@@ -85,7 +84,6 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
         "steered_s": 0.0 if start is None else max(end - start - float(np.diff(ticks.time)[without].sum()), 0.0),
         **{name: circles[-1][name] for name in FIGURES},
         "circles": circles,
-        "circles_wanted_m": [facts.orbit.radius, *facts.later_radii],
         "height_min_m": float(height.min()) if len(height) else None,
         "height_max_m": float(height.max()) if len(height) else None,
         **(asdict(turn) if turn else dict.fromkeys(NAMES)),

@@ -52,7 +52,7 @@ class Picture:
 
     def __init__(self, settings: PilotSettings, name: str, *, ascii_only: bool) -> None:
         self._settings, self._signs = settings, ASCII if ascii_only else FINE
-        self._title = f"{name}: {settings.circles}"
+        self._title = f"{name}: {settings.orbit.words()}"
         self._errors: deque[tuple[int, float]] = deque(maxlen=CELLS + WIDEST - NARROWEST)
         self._width = NARROWEST
 

@@ -12,7 +12,7 @@ TRUTH: dict[str, Any] = {**FIGURES, "direction": "clockwise", "closest_approach_
 SUMMARY: dict[str, Any] = {
     "output_mode": "fly", "outcome": "completed", "reason": "flown to its end", "desired_radius_m": 100.0,
     "direction": "clockwise", "direction_commanded": "clockwise", "engaged_s": 2.0, "flown_s": 60.0, **FIGURES,
-    "steered_s": 60.0, "circles": [{}], "circles_wanted_m": [100.0], "clock_speed": None, "law_changes": 0,
+    "steered_s": 60.0, "circles": [{}], "clock_speed": None, "law_changes": 0,
     "turn_limit_cycle": False, "samples_accepted": 600, "samples_rejected": {"gated": 3}, "frames_refused": {},
     "setpoints_sent": 1200, "truth": TRUTH, "recording_problem": None,
 }  # fmt: skip
@@ -51,7 +51,6 @@ def told(**changes: Any) -> str:
         ({**TURN, "gain_share": 0.7}, "oscillates, gains reduced to 70 %"),
         ({"notes": ["  target     found", "  WARNING    lost"]}, "1200 sent\n  target     found\n  WARNING    lost\n"),
         ({"circles": [{**FIGURES, "desired_radius_m": 80.0, "begun_s": 2.0}, {}]}, "80 m, begun at 2 s: settled"),
-        ({"circles": [{}], "circles_wanted_m": [100.0, 60.0]}, "WARNING    circle of 60 m not begun: the circle"),
     ],
 )  # fmt: skip
 def test_it_tells(changes: dict[str, Any], words: str) -> None:

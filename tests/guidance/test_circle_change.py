@@ -1,11 +1,11 @@
 """Requests for another circle: reasons for refusal, and completion of a lap."""
 
-from math import inf, nan, pi
+from math import nan
 
 import pytest
 
-from circnav_mav.guidance.circle_change import LAPS, CircleLimits, CircleRequest, LapCounter, obstacle
-from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate
+from circnav_mav.guidance.circle_change import CircleLimits, CircleRequest, obstacle
+from circnav_mav.guidance.types import Direction, Orbit
 
 ORBIT = Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35)
 LIMITS = CircleLimits(speed=15.0, nearest=40.0, farthest=500.0)
@@ -38,23 +38,3 @@ def test_what_a_request_leaves_out_stays_as_it_was():
     assert CircleRequest().applied(ORBIT) == ORBIT
     turned = CircleRequest(radius=60.0, direction=Direction.COUNTERCLOCKWISE).applied(ORBIT)
     assert turned == Orbit(60.0, Direction.COUNTERCLOCKWISE, 15.0, 0.35)
-
-
-@pytest.mark.parametrize(
-    ("r", "sign", "completes"), [(100.0, -1, True), (109.0, -1, True), (111.0, -1, False), (100.0, 1, False)]
-)
-def test_a_lap_counts_near_the_circle_and_in_its_sense_only(r, sign, completes):
-    laps, turn_rate, when = LapCounter(), sign * 0.15, None
-    for step in range(1000):
-        estimate = RangeEstimate(step / 10, r, 0.0, 0.5, 0.5)
-        if laps.complete(estimate, ORBIT, turn_rate):
-            when = step / 10
-            break
-    assert (when is not None) is completes
-    if when is not None:
-        assert when == pytest.approx(LAPS * 2 * pi / 0.15, abs=0.2)
-
-
-def test_a_gap_between_two_steps_counts_as_a_fifth_of_a_second():
-    laps, times = LapCounter(), (0.0, 1000.0, inf)
-    assert not any(laps.complete(RangeEstimate(time, 100.0, 0.0, 0.5, 0.5), ORBIT, -1.0) for time in times)

@@ -234,8 +234,6 @@ def prepare(campaign: Campaign, number: int) -> Run:
     mission = mission_of(table, where)
     if mission.file.sim is None or not mission.flies_sim:
         raise MissionError(f'{where}: link.endpoint: must stay "sim"')
-    if len(mission.radii) > 1:
-        raise MissionError(f"{where}: orbit.radius_m: give one radius: a run of a campaign flies one circle")
     return Run(number, values, mission, parse_vehicle(mission.file.sim, f"{where}: sim"))
 
 

@@ -199,8 +199,8 @@ def _facts(pilot: Pilot, name: str, tolerance: float) -> dict[str, Any]:
     return {
         "name": name,
         "date": utc_minute(),
-        "circle": pilot.settings.circles,
-        "radii": [orbit.radius, *pilot.settings.later_radii],
+        "circle": orbit.words(),
+        "radii": [orbit.radius],
         "radius": orbit.radius,
         "tolerance": tolerance,
         "limit": orbit.max_turn_rate,
