@@ -64,13 +64,5 @@ class Bank(NamedTuple):
     throttle: float | None = None
 
 
-class Glide(NamedTuple):
-    """Attitude and thrust (0 to 1) of a fixed wing. Height and airspeed follow from physics."""
-
-    roll: float
-    pitch: float
-    thrust: float
-
-
 Velocity = BodyVelocity | EarthVelocity | Brake
 Demand = Velocity | Tilt | Spin

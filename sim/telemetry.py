@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pymavlink.dialects.v20 import all as mavlink
 
 from .body import GRAVITY, to_earth, within
-from .demands import Bank, BodyVelocity, EarthVelocity, Glide, Tilt
+from .demands import Bank, BodyVelocity, EarthVelocity, Tilt
 from .flight import Flight
 from .links import Message
 from .ranging_radio import centimeters
@@ -198,7 +198,7 @@ def position_target_local_ned(flight: Flight) -> Message | None:
 def attitude_target(flight: Flight) -> Message | None:
     """Attitude setpoint that a copter or PX4's plane flies."""
     flown = flight.autopilot.flown()
-    if not isinstance(flown, (Bank, Glide, Tilt)):
+    if not isinstance(flown, (Bank, Tilt)):
         return None
     heading, yaw_rate = (flown.heading, flown.yaw_rate) if isinstance(flown, Tilt) else (None, 0.0)
     thrust = None if isinstance(flown, Bank) else flown.thrust

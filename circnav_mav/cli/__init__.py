@@ -136,8 +136,8 @@ def init() -> None:
     """Write a commented mission for VEHICLE to FILE. [default: VEHICLE.toml] It flies on the bundled emulator at once;
     nothing is ever overwritten.
 
-    VEHICLE is copter, plane or rover (ArduPilot), px4-copter, px4-plane, px4-plane-attitude, home (a plane that has
-    lost its GPS), or any bundled mission.
+    VEHICLE is copter, plane or rover (ArduPilot), px4-copter, px4-plane; without GPS copter-nogps,
+    px4-copter-nogps, home (plane), home-copter; or any other bundled mission.
     mission.schema.json beside it lets an editor complete and check the keys.
 
     \b

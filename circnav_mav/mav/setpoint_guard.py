@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import hypot, isfinite, radians
+from math import hypot, isfinite
 from typing import NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
@@ -15,9 +15,8 @@ SLACK = 1 + 1e-6
 """Factor on limits for the rounding of single precision."""
 MOST_DAMPED = 1.25
 """Largest lateral acceleration, in units of speed times turn rate, for a velocity loop with a derivative gain."""
-MAX_PITCH, MAX_CLIMB = radians(15), 1.0
-"""Limits of the pitch of an attitude setpoint, rad, and of the climb rate of a velocity setpoint, m/s. Height is held,
-not changed."""
+MAX_CLIMB = 1.0
+"""Limit of the climb rate of a velocity setpoint, m/s. Height is held, not changed."""
 EVERYBODY = 0
 """Broadcast target id (MAVLink), not permitted in a setpoint."""
 BODY_NED = dialect.MAV_FRAME_BODY_NED
@@ -100,7 +99,7 @@ def _velocity_within(message: Message, limits: Limits) -> bool:
 
 def _attitude_within(message: Message, limits: Limits) -> bool:
     roll, pitch, _ = euler_from_quaternion(message.q)
-    level = abs(roll) <= limits.max_bank * SLACK + 1e-6 and abs(pitch) <= max(MAX_PITCH, limits.max_bank) * SLACK + 1e-6
+    level = abs(roll) <= limits.max_bank * SLACK + 1e-6 and abs(pitch) <= limits.max_bank * SLACK + 1e-6
     turns_only = abs(sum(part**2 for part in message.q) - 1) < 1e-3
     return bool(level and turns_only and 0 <= message.thrust <= 1)
 

@@ -194,7 +194,6 @@ class Mission:
             facts=VehicleFacts(
                 speed=file.vehicle.speed_mps,
                 max_bank=radians(file.vehicle.max_bank_deg or 0.0),
-                trim_thrust=file.vehicle.loops.trim_thrust,
                 drag=coefficient_at(file.vehicle.drag_per_s, file.vehicle.speed_mps),
                 tilts_by_stick=any(one.tilts_by_stick for one in self.vehicles),
             ),

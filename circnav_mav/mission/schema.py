@@ -70,12 +70,6 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
-class LoopsTable(Table):
-    """[vehicle.loops]: our own height and airspeed loops, for method "attitude" only."""
-
-    trim_thrust: Annotated[float, Field(gt=0, lt=1)] = 0.63
-
-
 class VehicleTable(Table):
     """[vehicle]"""
 
@@ -89,7 +83,6 @@ class VehicleTable(Table):
     drag_per_s: Annotated[float, Field(ge=0.05, le=2.0)] = 0.35
     turn_gain: Literal["learn"] | Annotated[float, Field(ge=0.5, le=1.5)] = "learn"
     system_id: SystemId | None = None
-    loops: LoopsTable = LoopsTable()
 
 
 class OrbitTable(Table):

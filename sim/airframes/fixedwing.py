@@ -1,4 +1,4 @@
-"""Fixed wings: banked turns at the autopilot's height and airspeed, or flight by attitude and thrust alone."""
+"""Fixed wings: banked turns at the autopilot's height and airspeed."""
 
 import math
 from dataclasses import dataclass, replace
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from ..body import GRAVITY, Body, pieces, second_order, through_line, within
 from ..config import Airframe
-from ..demands import Bank, Glide
+from ..demands import Bank
 
 STEP = 0.02
 SPEED_LAG, HEIGHT_LAG, CLIMB_LAG = 3.0, 2.0, 1.0  # s
@@ -17,10 +17,7 @@ GUST_TURNS = 5.4  # 1/s: rate at which the tail fin removes the side-slip of a g
 HELD_BY_RUDDER = 0.7  # share of a bank error that becomes side-slip instead of a turn; fitted to PX4's SIH
 SIDE_FORCE = 3.0  # 1/s: path turn rate per side-slip (ArduPilot's SITL plane at 22 m/s: 65 m/s^2 per rad)
 
-# PX4's built-in plane: drag at trim as in a 27 deg glide, trim thrust 0.63. Lift induces a sixth of the drag.
-TRIM_DRAG, TRIM_THRUST, INDUCED = 4.45, 0.63, 0.17
 COURSE_GAIN = 1.0  # course loop in loiter, rad/s per rad
-ALPHA_SLOPE, PATH_LAG, PITCH_LAG = 0.12, 0.5, 0.3
 
 
 @dataclass(frozen=True)
@@ -35,7 +32,7 @@ class FixedWing:
     and the side force accelerates the plane. With nose_frequency 0 the nose turns with the path, and the plane moves
     with a gust at once.
 
-    trim_speed: true airspeed at TRIM_THRUST, m/s. pitch: pitch above the path in level flight, and its increase with
+    pitch: pitch above the path in level flight, and its increase with
     tan(bank), rad. In a bank this pitch is also a yaw angle between nose and path. fin: further part of that yaw angle,
     in the same form.
     """
@@ -48,12 +45,11 @@ class FixedWing:
     nose_frequency: float = 0.0
     pitch: tuple[float, float] = (0.0, 0.0)
     fin: tuple[float, float] = (0.0, 0.0)
-    trim_speed: float = 10.0
 
     def configured(self, config: Airframe) -> "FixedWing":
         """Apply the vehicle file. The ideal plane has a bank lag and no side-slip."""
         if config.dynamics == "unicycle":
-            return FixedWing(config.turn_effectiveness or 1.0, config.turn_lag_s, trim_speed=self.trim_speed)
+            return FixedWing(config.turn_effectiveness or 1.0, config.turn_lag_s)
         return replace(
             self,
             effectiveness=config.turn_effectiveness or self.effectiveness,
@@ -61,12 +57,11 @@ class FixedWing:
             roll_damping=config.turn_damping or self.roll_damping,
         )
 
-    def step(self, body: Body, demand: Bank | Glide, dt: float, wind: tuple[float, float]) -> Body:
+    def step(self, body: Body, demand: Bank, dt: float, wind: tuple[float, float]) -> Body:
         for h in pieces(dt, STEP):
             body = self._gusted(body, wind)
             rolled = self._roll(body, demand.roll, h)
-            shaped = self._held(rolled, demand, h) if isinstance(demand, Bank) else self._glide(rolled, demand, h)
-            body = self._fly(shaped, body, h, wind)
+            body = self._fly(self._held(rolled, demand, h), body, h, wind)
         return body
 
     def _gusted(self, body: Body, wind: tuple[float, float]) -> Body:
@@ -110,22 +105,6 @@ class FixedWing:
         pitch = climb_angle + self.pitch[0] + self.pitch[1] * abs(math.tan(body.roll))
         return body._replace(
             climb_angle=climb_angle, air_speed=speed + change, pitch=pitch, pitch_rate=(pitch - body.pitch) / h
-        )
-
-    def _glide(self, body: Body, demand: Glide, h: float) -> Body:
-        """Compute path angle and airspeed from attitude and thrust: point mass, drag parabola, lift following pitch."""
-        speed = max(3.0, body.air_speed)
-        load, dynamic = 1 / max(0.2, math.cos(body.roll)), (speed / self.trim_speed) ** 2
-        pitch = body.pitch + (demand.pitch - body.pitch) * (1 - math.exp(-h / PITCH_LAG))
-        path = pitch - ALPHA_SLOPE * (load / dynamic - 1)
-        climb_angle = body.climb_angle + (path - body.climb_angle) * (1 - math.exp(-h / PATH_LAG))
-        drag = TRIM_DRAG * ((1 - INDUCED) * dynamic + INDUCED * load**2 / dynamic)
-        acceleration = TRIM_DRAG * demand.thrust / TRIM_THRUST - drag - GRAVITY * math.sin(climb_angle)
-        return body._replace(
-            pitch=pitch,
-            pitch_rate=(pitch - body.pitch) / h,
-            climb_angle=climb_angle,
-            air_speed=max(3.0, body.air_speed + acceleration * h),
         )
 
     def _fly(self, shaped: Body, before: Body, h: float, wind: tuple[float, float]) -> Body:

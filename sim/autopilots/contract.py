@@ -9,7 +9,7 @@ from typing import NamedTuple
 from ..agenda import NEVER
 from ..body import Body
 from ..config import Event, VehicleConfig
-from ..demands import Bank, Demand, Glide
+from ..demands import Bank, Demand
 from ..links import Message
 from ..params import Parameters
 
@@ -185,7 +185,7 @@ class Autopilot(ABC):
     def shown_airspeed(self, shown: Body, wind: tuple[float, float]) -> float:
         """Return VFR_HUD.airspeed, which may differ from the true airspeed."""
 
-    def flown(self) -> Demand | Bank | Glide | None:
+    def flown(self) -> Demand | Bank | None:
         """Return the setpoint being flown, if this vehicle reports it (POSITION_TARGET_LOCAL_NED, ATTITUDE_TARGET)."""
         return None
 

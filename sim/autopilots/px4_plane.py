@@ -1,12 +1,11 @@
-"""PX4 fixed wing: ALTCTL flies sticks and holds height and airspeed; OFFBOARD flies attitude and thrust alone."""
+"""PX4 fixed wing: ALTCTL flies sticks and holds height and airspeed; OFFBOARD flies to positions."""
 
 import math
-from dataclasses import replace
 
 from ..airframes.fixedwing import FixedWing, Loiter, bank_on_loiter, falling
 from ..body import GRAVITY, Body, within
 from ..config import VehicleConfig
-from ..demands import Bank, Glide, Tilt
+from ..demands import Bank
 from ..params import Parameter
 from ..starting import AIRSPEED_SCALE
 from .contract import Say
@@ -16,16 +15,15 @@ from .px4_targets import Trajectory
 from .tables import px4_identity, px4_parameters
 
 DECIDE_US = 50_000
-# Measured: 63 % of a bank after 0.5 s, by stick after 0.6 to 0.7 s; turn rate 0.14 s behind the course rate.
-BY_ATTITUDE = FixedWing(1.0, roll_frequency=4.5, roll_damping=1.0, dead_time=0.08, nose_frequency=10.0)
-BY_STICK = replace(BY_ATTITUDE, dead_time=0.12)
+# Measured: 63 % of a bank after 0.6 to 0.7 s; turn rate 0.14 s behind the course rate.
+AIRFRAME = FixedWing(1.0, roll_frequency=4.5, roll_damping=1.0, dead_time=0.12, nose_frequency=10.0)
 COURSE_GAIN = 0.835  # rad/s: turn rate towards a position setpoint, per sine of the angle to it
 BANKED_BY_STICKS = frozenset({ALTCTL, POSCTL, MODES["ALT_CRUISE"]})
 IDENTITY = px4_identity(mav_type=1)
 
 
 class Px4Plane(Px4):
-    """PX4's fixed wing: a bank with held height and airspeed, or, for attitude setpoints, physics alone."""
+    """PX4's fixed wing: a bank with held height and airspeed. Attitude setpoints are accepted, but not flown."""
 
     def __init__(self, config: VehicleConfig, say: Say, start: Body) -> None:
         vehicle = config.vehicle
@@ -39,8 +37,7 @@ class Px4Plane(Px4):
         )
         super().__init__(IDENTITY, px4_parameters(config, *own), config, say, start)
         self._scale = vehicle.airspeed_scale or AIRSPEED_SCALE[vehicle.profile]
-        trimmed = replace(BY_ATTITUDE, trim_speed=cruise * self._scale)
-        self._by_attitude, self._by_stick = trimmed.configured(vehicle), BY_STICK.configured(vehicle)
+        self._airframe = AIRFRAME.configured(vehicle)
         self._height = start.down
         self._loiter = Loiter(start.north, start.east, self.params["NAV_LOITER_RAD"])
         self._bank = 0.0
@@ -48,15 +45,9 @@ class Px4Plane(Px4):
     def fly(self, dt: float, wind: tuple[float, float]) -> Body:
         if not self.armed:
             return falling(self.body, dt)
-        demand = self.flown()
-        airframe = self._by_attitude if isinstance(demand, Glide) else self._by_stick
-        return airframe.step(self.body, demand, dt, wind)
+        return self._airframe.step(self.body, self.flown(), dt, wind)
 
-    def flown(self) -> Bank | Glide:
-        setpoint = self._setpoint
-        if self.mode == OFFBOARD and isinstance(setpoint, Tilt):
-            limit = math.radians(self.params["FW_R_LIM"])
-            return Glide(within(setpoint.roll, limit), setpoint.pitch, setpoint.thrust or 0.0)
+    def flown(self) -> Bank:
         speed = self.params["FW_AIRSPD_TRIM"]
         if self.cruise is not None and self.mode not in BANKED_BY_STICKS:
             speed = max(self.params["FW_AIRSPD_MIN"], min(self.params["FW_AIRSPD_MAX"], self.cruise))
@@ -75,7 +66,7 @@ class Px4Plane(Px4):
             return self._bank_to_point(limit)
         if not self.position or self.mode == LAND:
             return 0.0
-        return bank_on_loiter(self.body, self._loiter, limit, self._by_stick.effectiveness)
+        return bank_on_loiter(self.body, self._loiter, limit, self._airframe.effectiveness)
 
     def _bank_to_point(self, limit: float) -> float:
         """Return the bank towards a position setpoint. A setpoint of velocities alone is accepted without effect."""

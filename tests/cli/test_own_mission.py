@@ -19,9 +19,7 @@ def test_a_bundled_mission_goes_by_its_name_in_any_folder_and_a_file_of_ones_own
     assert circnav("check", "quickstart").refused.startswith("quickstart: name: ")
 
 
-@pytest.mark.parametrize(
-    "vehicle", ["copter", "plane", "rover", "px4-copter", "px4-plane", "px4-plane-attitude", "home"]
-)
+@pytest.mark.parametrize("vehicle", ["copter", "plane", "rover", "px4-copter", "px4-plane", "home"])
 def test_a_mission_of_ones_own_is_commented_passes_its_checks_and_flies_the_emulator(circnav, tmp_path, vehicle):
     out = circnav("init", vehicle, "mine.toml").done
     text = (tmp_path / "mine.toml").read_text()

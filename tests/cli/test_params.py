@@ -13,7 +13,7 @@ from circnav_mav.mission.preflight import parameter_context
 from tests.pilot.test_preflight import Bench
 from tests.rig import Voice
 
-MISSIONS = ["arduplane", "arducopter", "ardurover", "px4_copter", "px4_plane", "px4_plane_attitude"]
+MISSIONS = ["arduplane", "arducopter", "ardurover", "px4_copter", "px4_plane"]
 
 
 def values_of(lines):

@@ -218,7 +218,7 @@ def test_a_browser_draws_it_zooms_all_charts_and_tells_values_and_logs_no_error(
 
 
 def test_the_settings_of_the_report_stand_as_in_a_mission_file():
-    settings = cli_report._settings(load_mission(CONFIG / "px4_plane_attitude.toml"))
-    assert settings["vehicle.loops.trim_thrust"] == "0.63"
+    settings = cli_report._settings(load_mission(CONFIG / "px4_plane.toml"))
+    assert settings["vehicle.turn_lag_s"] == "0.6"
     assert settings["guidance.correct_radius"] == "true"
     assert settings["vehicle.kind"] == "plane"

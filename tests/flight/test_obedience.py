@@ -25,7 +25,7 @@ def engaged_at(flown: Flight) -> float:
 
 
 NEVER = [
-    ("arducopter", "straight"), ("px4_plane_attitude", "straight"), ("ardurover", "reversed"),
+    ("arducopter", "straight"), ("arducopter_nogps", "straight"), ("ardurover", "reversed"),
     ("arduplane", "reversed"), ("arduplane", "weak"), ("px4_plane", "weak"),
     ("arducopter", "hovering"), ("px4_copter", "hovering"),
 ]  # fmt: skip

@@ -44,7 +44,7 @@ def flown_with_another(mission, until=BEGINS + 6.0):
     return flown, told
 
 
-@pytest.mark.parametrize("mission", ["arducopter", "arduplane", "px4_copter", "px4_plane_attitude"])
+@pytest.mark.parametrize("mission", ["arducopter", "arduplane", "px4_copter"])
 def test_another_programs_setpoints_are_alarmed_within_five_seconds_and_ours_are_not(mission):
     flown, told = flown_with_another(mission)
     assert told, "not found"

@@ -19,7 +19,7 @@ from tests.flight.lockstep import (
 )
 
 ARDUPILOT = {"arducopter": 5, "arduplane": 7, "ardurover": 4}  # mission -> a mode that the operator selects
-PX4 = ("px4_copter", "px4_plane", "px4_plane_attitude")
+PX4 = ("px4_copter", "px4_plane")
 VEHICLES = (*ARDUPILOT, *PX4)
 AUTO_LOITER = (4, 3)
 

@@ -39,7 +39,6 @@ SITUATIONS: dict[str, tuple[tuple[str, ...], float]] = {  # overrides, largest R
     "plane, gusts": ((wind(0.33), "sim.wind.gust_rms_mps=1.5", "sim.wind.gust_time_s=10.0"), 3.0),
     "plane, lora": ((wind(0.2), *radio("lora", 2.2)), 3.0),
     "copter, 50 % loss at 5 Hz, heading drift": ((*SPARSE, "sim.sensors.heading_drift_deg_s=0.1"), 1.0),
-    "px4_plane_attitude, calm": (('orbit.direction="counterclockwise"',), 1.2),
 }
 MISSIONS = {"plane": "arduplane", "copter": "arducopter"}  # first word of a situation -> mission
 

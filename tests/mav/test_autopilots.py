@@ -112,14 +112,9 @@ def test_a_leaning_px4_copter_is_fed_an_acceleration_that_is_level_when_its_atti
 
 @pytest.mark.parametrize("side", SIDES)
 def test_planes_are_commanded_the_bank_of_the_coordinated_turn(side: str) -> None:
-    """PX4 by attitude, 1 m too high and climbing at 0.5 m/s: pitch 0.02 (-1) - 0.04 0.5 rad. Its thrust is 0.63 +
-    0.25 (1/cos(roll) - 1)."""
     turn_rate, sense = SIDES[side]
-    thrust = 0.63 + 0.25 * (1 / cos(BANK * sense) - 1)
     assert_alike(sent(("ardupilot", "plane"), turn_rate), attitude_frame(0xC6, roll=BANK * sense))
     assert sent(("px4", "plane"), turn_rate) == stick_frame(round(1000 * BANK / FULL_STICK) * sense)
-    by_attitude = attitude_frame(0x07, roll=BANK * sense, pitch=-0.04, thrust=thrust)
-    assert_alike(sent(("px4", "plane attitude"), turn_rate), by_attitude)
 
 
 def test_hold_is_standing_still_or_wings_level() -> None:
@@ -129,7 +124,6 @@ def test_hold_is_standing_still_or_wings_level() -> None:
     assert sent(("px4", "copter"), None) == velocity_frame(0x407, forward=0.0, down=0.5, yaw_rate=0.0)
     assert sent(("ardupilot", "plane"), None) == attitude_frame(0xC6, roll=0.0)
     assert sent(("px4", "plane"), None) == stick_frame(0)
-    assert_alike(sent(("px4", "plane attitude"), None), attitude_frame(0x07, roll=0.0, pitch=-0.04, thrust=0.63))
     for key in (("ardupilot", "copter"), ("ardupilot", "plane")):
         assert AUTOPILOTS[key](FACTS).safe_setpoint(STATE, now=2**32 / 1000 + 1.0).time_boot_ms == 1000
 
@@ -182,7 +176,7 @@ def test_bank_and_stick_stay_within_the_mission_s_limit(key: tuple[str, str]) ->
 
 
 @pytest.mark.parametrize("airspeed", [None, 0.1, 1.0, 4.99, 16.01, 150.0, nan])
-@pytest.mark.parametrize("key", [("ardupilot", "plane"), ("px4", "plane"), ("px4", "plane attitude")])
+@pytest.mark.parametrize("key", [("ardupilot", "plane"), ("px4", "plane")])
 def test_an_airspeed_that_cannot_be_is_not_used(key: tuple[str, str], airspeed: float | None) -> None:
     """The commanded 10 m/s replaces the reported airspeed in bank and thrust."""
     assert sent(key, TURN, at_airspeed(airspeed)) == sent(key, TURN)
@@ -203,9 +197,6 @@ def test_an_airspeed_that_can_be_makes_the_bank_of_its_own_coordinated_turn(airs
     bank, state = atan(TURN * airspeed / 9.80665), at_airspeed(airspeed)
     assert_alike(sent(("ardupilot", "plane"), TURN, state), attitude_frame(0xC6, roll=-bank))
     assert sent(("px4", "plane"), TURN, state) == stick_frame(-round(1000 * bank / FULL_STICK))
-    thrust = min(0.63 + 0.25 * (1 / cos(bank) - 1) + 0.08 * (SPEED - airspeed), 1.0)
-    by_attitude = attitude_frame(0x07, roll=-bank, pitch=-0.04, thrust=thrust)
-    assert_alike(sent(("px4", "plane attitude"), TURN, state), by_attitude)
 
 
 def test_thin_air_makes_the_bank_steeper() -> None:
@@ -215,19 +206,14 @@ def test_thin_air_makes_the_bank_steeper() -> None:
     assert sent(("px4", "plane"), TURN, thin) == stick_frame(-round(1000 * bank / FULL_STICK))
 
 
-@pytest.mark.parametrize(("bound", "within", "again"), [(16.0, 15.6, 15.0), (5.0, 5.9, 6.0)])
-def test_an_airspeed_at_the_bound_of_what_can_be_does_not_make_the_thrust_step_each_time(bound, within, again):
+@pytest.mark.parametrize(("bound", "again"), [(16.0, 15.0), (5.0, 6.0)])
+def test_airspeed_at_the_bound_of_plausibility_does_not_step_the_bank(bound: float, again: float) -> None:
     """After it was rejected at 1.6 V or 0.5 V, the airspeed is used again only within 1.5 V or 0.6 V."""
-    adapter = AUTOPILOTS["px4", "plane attitude"](FACTS)
-
-    def thrust(airspeed: float | None) -> float:
-        return float(adapter.safe_setpoint(at_airspeed(airspeed), AT).thrust)
-
-    believed = {V: pytest.approx(min(max(0.63 + 0.08 * (SPEED - V), 0.0), 1.0), abs=1e-6) for V in (bound, again)}
+    adapter = AUTOPILOTS["ardupilot", "plane"](FACTS)
     outside = bound + (0.01 if bound > SPEED else -0.01)
-    assert thrust(bound) == believed[bound]
-    assert [thrust(V) for V in (outside, bound, within, outside, None, within)] == [0.63] * 6
-    assert [thrust(again), thrust(bound)] == [believed[again], believed[bound]]
+    beside = again + (0.01 if bound > SPEED else -0.01)
+    used = [adapter.airspeed(speed) for speed in (bound, outside, bound, beside, again, bound)]
+    assert used == [bound, SPEED, SPEED, SPEED, again, bound]
 
 
 @pytest.mark.parametrize("kind", [35, 43], ids=["decarotor", "generic multirotor"])

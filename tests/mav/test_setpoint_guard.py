@@ -71,8 +71,9 @@ def test_any_turn_within_the_limits_passes_at_once():
 
 ALL = Limits(max_yaw_rate=0.35, max_speed=15.0, max_bank=0.7)
 VELOCITY = [("ardupilot", "copter"), ("ardupilot", "rover"), ("px4", "copter")]
-ATTITUDE = [("ardupilot", "plane"), ("px4", "plane attitude")]
+ATTITUDE = [("ardupilot", "plane"), ("ardupilot", "copter attitude")]
 STICK = [("px4", "plane")]
+STICKS = [("px4", "copter stick")]
 
 
 def passes(key, limits=ALL, **fields):
@@ -118,15 +119,19 @@ def test_each_field_of_a_setpoint_has_its_own_bound(keys, field, inside, outside
 
 
 def test_the_messages_of_every_vehicle_are_judged_and_the_stick_goes_no_farther_than_the_missions_bank():
-    assert {*VELOCITY, *ATTITUDE, *STICK} == {*AUTOPILOTS}
-    assert all(passes(key) for key in AUTOPILOTS)
+    assert {*VELOCITY, *ATTITUDE, *STICK, *STICKS} == {*AUTOPILOTS}
+    sticks = replace(ALL, max_pitch_stick=700, max_yaw_stick=1000)
+    assert all(passes(key, sticks) for key in AUTOPILOTS)
+    assert not passes(*STICKS, sticks, x=701)
+    assert not passes(*STICKS, sticks, x=-701)
+    assert not passes(*STICKS, sticks, r=1001)
     tight = replace(ALL, max_stick=800)
     assert [passes(*STICK, tight, y=y) for y in (800, -800, 801, -801)] == [True, True, False, False]
 
 
 @pytest.mark.parametrize(
     ("angle", "most", "limits"),
-    [("roll", 0.7, ALL), ("roll", -0.7, ALL), ("pitch", 0.2617, ALL), ("pitch", -0.2617, ALL), ("roll", 0.0, LIMITS)],
+    [("roll", 0.7, ALL), ("roll", -0.7, ALL), ("pitch", 0.7, ALL), ("pitch", -0.7, ALL), ("roll", 0.0, LIMITS)],
 )
 @pytest.mark.parametrize("key", ATTITUDE)
 def test_bank_and_pitch_of_a_setpoint_have_a_bound_each_and_limits_without_a_bank_permit_none(key, angle, most, limits):

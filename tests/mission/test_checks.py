@@ -174,17 +174,6 @@ def test_nothing_is_said_where_there_is_nothing_to_say(mission, subject, overrid
     assert lines(mission, subject, *overrides.split()) == []
 
 
-def test_keys_of_an_earlier_version_load_without_effect_and_are_named_in_one_line(mission):
-    """Old mission files keep flying, and the output names the keys that replace the old ones."""
-    line = only(mission, "keys", "vehicle.loops.max_pitch_deg=11.0", "guidance.gate_sigma=4.0", "limits.hold_s=10.0")
-    assert line.grade is WARN
-    assert line.text == (
-        "without effect: vehicle.loops.max_pitch_deg is no longer a key (used instead: 15 degrees); "
-        "guidance.gate_sigma is no longer a key (used instead: 5): delete them"
-    )
-    assert mission("guidance.gate_sigma=4.0").pilot_settings().tuning.estimation.gate == 5.0
-
-
 @pytest.mark.parametrize(
     ("gain", "trim", "told"), [(0.0117, 0.05, [WARN]), (0.0118, 0.05, []), (0.0117, 0.0, []), (0.0099, 0.05, [])]
 )

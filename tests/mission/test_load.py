@@ -360,9 +360,7 @@ def test_a_campaign_file_is_known_as_one(config):
         load_mission(path)
 
 
-@pytest.mark.parametrize(
-    "override", ["vehicle.loops.trim_thrust=0.5", "vehicle.speed_mps=14.0", "bounds.max_range_m=200.0"]
-)
+@pytest.mark.parametrize("override", ["vehicle.turn_lag_s=0.5", "vehicle.speed_mps=14.0", "bounds.max_range_m=200.0"])
 def test_a_mission_in_dotted_keys_is_written_down_as_it_is_flown(text, override):
     """tomlkit puts a nested table in front of all dotted keys, where it captures the rest."""
     tables = {name: keys for name, keys in tomllib.loads(text).items() if name != "name"}

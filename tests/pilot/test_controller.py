@@ -114,7 +114,7 @@ def test_the_spacing_of_a_fleet_leaves_the_circle_and_its_changes_by_the_operato
 # --- the limits of the mission in the setpoint guard: a fault of law, loop or adapter does not leave
 
 KEPT, CHANGES = CircleLimits(speed=15.0, keeps_speed=True), CircleLimits(speed=15.0)
-COPTER, PLANE, STICK = ("ardupilot", "copter"), ("px4", "plane attitude"), ("px4", "plane")
+COPTER, PLANE, STICK = ("ardupilot", "copter"), ("ardupilot", "plane"), ("px4", "plane")
 BANK = 0.4
 """Largest bank of the mission, rad. At 15 m/s, it turns a plane at 0.276 rad/s."""
 

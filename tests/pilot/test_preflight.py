@@ -27,7 +27,7 @@ from tests.flight.signed import KEY, OTHER, key_file
 from tests.rig import Voice, beacon, heartbeat
 
 CONFIG = Path(__file__).parents[2] / "config"
-MISSIONS = ("arducopter", "arduplane", "ardurover", "px4_copter", "px4_plane", "px4_plane_attitude")
+MISSIONS = ("arducopter", "arduplane", "ardurover", "px4_copter", "px4_plane")
 HEARTBEAT, COMMAND_LONG, PARAM_REQUEST_READ, TIMESYNC = 0, 76, 20, 111
 SET_MESSAGE_INTERVAL, REQUEST_MESSAGE = 511, 512
 ATTITUDE, VFR_HUD, COMMAND_ACK = 30, 74, 77
@@ -131,7 +131,6 @@ def test_every_bundled_vehicle_passes_and_what_it_is_flown_without_is_called_not
     subjects = {line.subject for line in lines}
     assert {"vehicle", "firmware", "mode", "stream", "clock", "ranging", "noise", "parameter"} <= subjects
     needed = {"arduplane": {"airspeed"}, "px4_plane": {"airspeed"}, "px4_copter": {"altitude"}}
-    needed |= {"px4_plane_attitude": {"airspeed", "altitude"}}
     told = {subject: one(lines, subject) for subject in ("airspeed", "altitude")}
     assert {line.grade for line in told.values()} == {PASS}
     assert {name for name, line in told.items() if not line.text.endswith("not needed")} == needed.get(name, set())
@@ -572,7 +571,6 @@ def test_a_height_above_a_home_that_is_not_told_fails():
         ("px4_plane", "COM_RCL_EXCEPT", {0: WARN, 5: WARN, 3: PASS}),
         ("px4_plane", "FW_R_LIM", {45.0: FAIL}),
         ("px4_plane", "FW_AIRSPD_TRIM", {11.0: WARN}),
-        ("px4_plane_attitude", "MAV_FWDEXTSP", {0: FAIL}),
     ],
 )
 def test_a_parameter_is_graded_by_what_it_implies(name, key, grades):

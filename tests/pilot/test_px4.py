@@ -11,7 +11,6 @@ ON_GROUND, IN_AIR = 1, 2
 KINDS = [
     ("copter", "SET_POSITION_TARGET_LOCAL_NED"),
     ("plane", "MANUAL_CONTROL"),
-    ("plane attitude", "SET_ATTITUDE_TARGET"),
 ]
 
 

@@ -138,35 +138,3 @@ def test_a_position_is_flown_to_at_0835_sin_eta():
     assert companion.set_mode(*OFFBOARD) == [0, 0]
     companion.repeat(15.0, carrot)
     assert companion.truth.turn_rate == pytest.approx(0.2, rel=0.05)
-
-
-@pytest.mark.parametrize("bank", [0.0, 20.0, -40.0])
-def test_attitude_setpoints_turn_exactly_and_a_clients_own_loops_hold_height_and_speed(bank):
-    """The loops have the gains that held +-1 m and 10.0 m/s in flight."""
-    companion = offboard()
-    roll, last_down = math.radians(bank), [companion.truth.down]
-
-    def held():
-        truth = companion.truth
-        climb = (last_down[0] - truth.down) * 20
-        last_down[0] = truth.down
-        thrust = TRIM + 0.08 * (10.0 - truth.airspeed) + 0.25 * (1 / math.cos(roll) - 1)
-        companion.attitude(7, roll, 0.02 * (truth.down + 100.0) - 0.04 * climb, thrust=max(0.0, min(1.0, thrust)))
-
-    companion.repeat(40.0, held)
-    truth = companion.truth
-    assert math.degrees(truth.roll) == pytest.approx(bank, abs=0.05)
-    assert truth.turn_rate == pytest.approx(G * math.tan(roll) / 10, rel=0.02, abs=1e-3)
-    assert truth.airspeed == pytest.approx(10.0, abs=0.3) and truth.down == pytest.approx(-100.0, abs=2.5)
-
-
-def test_without_loops_nothing_holds_the_height_and_no_throttle_is_no_thrust():
-    companion = offboard()
-    companion.repeat(30.0, lambda: companion.attitude(7, math.radians(40.0), thrust=TRIM))
-    assert companion.truth.down > -95.0
-    companion = offboard()
-    companion.stream(33, 100_000)
-    companion.repeat(16.0, lambda: companion.attitude(7 | 64, thrust=TRIM))
-    last = companion.listen("GLOBAL_POSITION_INT")[-1]
-    path = math.degrees(math.atan2(last.vz, math.hypot(last.vx, last.vy)))
-    assert path == pytest.approx(27.0, abs=3.0)  # flown: -27 deg

@@ -51,14 +51,12 @@ class VehicleFacts:
 
     speed: V, m/s.
     max_bank: rad, for vehicles that turn by banking, and for copters flown by attitude.
-    trim_thrust: thrust in level flight at V, 0 to 1, for vehicles with thrust setpoints.
     drag: coefficient of `guidance.air_drag`, 1/s, for copters flown by attitude.
     tilts_by_stick: True for a copter flown by the sticks.
     """
 
     speed: float
     max_bank: float = 0.7
-    trim_thrust: float = 0.63
     drag: float = 0.25
     tilts_by_stick: bool = False
 

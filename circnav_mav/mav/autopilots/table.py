@@ -5,7 +5,6 @@ from circnav_mav.mav.autopilots.ardupilot_plane import ArduPlane
 from circnav_mav.mav.autopilots.ardupilot_rover import ArduRover
 from circnav_mav.mav.autopilots.interface import Autopilot, VehicleFacts
 from circnav_mav.mav.autopilots.px4_copter import PX4Copter, PX4CopterStick
-from circnav_mav.mav.autopilots.px4_plane_attitude import PX4PlaneAttitude
 from circnav_mav.mav.autopilots.px4_plane_stick import PX4PlaneStick
 
 AUTOPILOTS: dict[tuple[str, str], type[Autopilot]] = {
@@ -16,7 +15,6 @@ AUTOPILOTS: dict[tuple[str, str], type[Autopilot]] = {
     ("px4", "copter"): PX4Copter,
     ("px4", "copter stick"): PX4CopterStick,
     ("px4", "plane"): PX4PlaneStick,
-    ("px4", "plane attitude"): PX4PlaneAttitude,
 }
 """Vehicles that can be flown without position, or with the autopilot's velocity estimate."""
 
@@ -30,7 +28,7 @@ REFUSED: dict[tuple[str, str], str] = {
 
 
 DEFAULT_METHODS = {"plane": "stick"}
-"""Default steering method of a kind if the mission names none. PX4's planes also have another."""
+"""Default steering method of a kind, which a mission may name or omit."""
 _KEYS = (*AUTOPILOTS, *REFUSED)
 MISSION_AUTOPILOTS = (*dict.fromkeys(autopilot for autopilot, _ in _KEYS), "auto")
 MISSION_KINDS = tuple(dict.fromkeys(kind.split()[0] for _, kind in _KEYS))

@@ -32,7 +32,7 @@ BAND = 0.05
 SETTLED, STEADY, LATEST = 110.0, 30.0, 400.0
 SOURCE, STRANGER = "sim", ("10.9.9.9", 6666)
 TRUTH_EVERY = 0.1
-PX4_PATIENCE = {"px4_copter": 1.0, "px4_plane": 0.5, "px4_plane_attitude": 1.0}
+PX4_PATIENCE = {"px4_copter": 1.0, "px4_plane": 0.5}
 """Setpoint timeouts of PX4, s: COM_OF_LOSS_T in OFFBOARD, COM_RC_LOSS_T for sticks."""
 
 Arrival = tuple[bytes, str, Hashable]

@@ -95,7 +95,6 @@ GUIDED = {
     "ardurover": 15,
     "px4_copter": 6 << 16,
     "px4_plane": 2 << 16,
-    "px4_plane_attitude": 6 << 16,
 }
 """HEARTBEAT.custom_mode in which setpoints are obeyed (autopilots.md), with PX4's main mode in the third byte."""
 VEHICLE = (1, 1)

@@ -22,7 +22,7 @@ from tests.tools.faults.scenarios.signing import SIGNING
 
 EVERY = (*LINE, *RANGING, *PEERS, *SIGNING, *ATTACKS, *STANDSTILLS, *REPORTS)
 SCENARIOS = tuple(sorted(EVERY, key=lambda one: int(one.fault[1:])))
-PROFILES = ("arducopter", "arduplane", "ardurover", "px4_copter", "px4_plane", "px4_plane_attitude")
+PROFILES = ("arducopter", "arduplane", "ardurover", "px4_copter", "px4_plane")
 FIRST = PROFILES[:2]
 HEAD = (
     "| fault | level | vehicle | seed | result | RMS % | worst age s | to safe s | recovery s | rejects |\n"

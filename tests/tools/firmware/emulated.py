@@ -52,8 +52,6 @@ ROWS: dict[str, tuple[str, ...]] = {
     "PX4 copter, target at 1.1 m/s": ("px4_copter", TARGET(1.1)),
     "PX4 plane R 60 V 10 by stick, calm": ("px4_plane",),
     "PX4 plane by stick, wind 2": ("px4_plane", WIND(2)),
-    "PX4 plane by attitude, calm": ("px4_plane_attitude",),
-    "PX4 plane by attitude, wind 2": ("px4_plane_attitude", WIND(2)),
 }  # fmt: skip
 CIRCLES = {one.mission: (one.radius, one.speed) for one in VEHICLES.values()}
 

@@ -34,7 +34,6 @@ VEHICLES = {
     "px4_copter": Vehicle(BEHIND_PX4, "copter", "px4_copter", 50.0, 5.0, 20.0, 300.0),
     "px4_copter_nogps": Vehicle(BEHIND_PX4, "copter", "px4_copter_nogps", 50.0, 5.0, 20.0, 300.0),
     "px4_plane": Vehicle(BEHIND_PX4, "plane", "px4_plane", 60.0, 10.0, 40.0, 240.0),
-    "px4_plane_attitude": Vehicle(BEHIND_PX4, "plane", "px4_plane_attitude", 60.0, 10.0, 40.0, 240.0),
 }
 PRESETS = {
     "uwb": {"noise": 0.02, "drift": 0.15, "drift_s": 3.0, "rate": 20.0},

@@ -74,8 +74,6 @@ ROWS = (
     Row("PX4 copter, target at 1.1 m/s", "px4_copter --target-speed 1.1", 0.60, 2.0),
     Row("PX4 plane R 60 V 10 by stick, calm", "px4_plane", 0.30, 2.0),
     Row("PX4 plane by stick, wind 2", "px4_plane --wind 2", 0.30, 2.0),
-    Row("PX4 plane by attitude, calm", "px4_plane_attitude", 0.30, 2.0),
-    Row("PX4 plane by attitude, wind 2", "px4_plane_attitude --wind 2", 0.30, 2.0),
 )  # fmt: skip
 HEAD = (
     "| flight (wind, V: m/s; R: m) | RMS, m (aim) | RMS of the seeds, m | turn sd, deg/s (aim) | settled, s |\n"

@@ -7,7 +7,7 @@ from circnav_sim.faults import Impairment
 from tests.tools.faults.cell import FRESH, FRESH_PATIENCE, Scenario, Want
 from tests.tools.faults.course import Course
 
-PX4 = ("px4_copter", "px4_plane", "px4_plane_attitude")
+PX4 = ("px4_copter", "px4_plane")
 
 
 def both(fault: str, level: str, impairment: Impairment, **more: Any) -> Scenario:

@@ -16,7 +16,7 @@ ARDUPILOT = ("arducopter", "arduplane", "ardurover")
 """PX4 sends ATTITUDE_QUATERNION beside ATTITUDE, and one of them is sufficient."""
 YAW: dict[str, Any] = {"overrides": AUTO, "reported": "HEADING JUMPED", "profiles": ARDUPILOT}
 BLIND: dict[str, Any] = {"overrides": AUTO, "reported": "NO ATTITUDE", "profiles": ARDUPILOT, "want": Want.REGAIN}
-BANKED = ("arduplane", "px4_plane", "px4_plane_attitude")
+BANKED = ("arduplane", "px4_plane")
 
 
 def reports(level: str, number: int, make: Callable[[Course], Change], **more: Any) -> Scenario:
