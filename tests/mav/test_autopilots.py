@@ -117,6 +117,69 @@ def test_planes_are_commanded_the_bank_of_the_coordinated_turn(side: str) -> Non
     assert sent(("px4", "plane"), turn_rate) == stick_frame(round(1000 * BANK / FULL_STICK) * sense)
 
 
+def yawed_frame(*, roll: float, pitch: float, yaw: float) -> bytes:
+    """SET_ATTITUDE_TARGET (82, extra 49), mask 7, thrust 0.5: the product of the turns about z, y and x."""
+    about_z = np.array([[cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)]])
+    q = about_z[0]
+    for angle, axis in ((pitch, 2), (roll, 1)):
+        turn = np.zeros(4)
+        turn[0], turn[axis] = cos(angle / 2), sin(angle / 2)
+        w, x, y, z = q
+        a, b, c, d = turn
+        q = np.array(
+            [
+                w * a - x * b - y * c - z * d,
+                w * b + x * a + y * d - z * c,
+                w * c - x * d + y * a + z * b,
+                w * d + x * c - y * b + z * a,
+            ]
+        )
+    return frame(82, 49, struct.pack("<I4f4f3B", 12345, *q, 0.0, 0.0, 0.0, 0.5, *VEHICLE_IDS, 0x07))
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_copter_by_attitude_leans_forward_and_into_its_turn(side: str) -> None:
+    """A push of 1.8 m/s^2 forward: nose down by atan(1.8/g). To the right: roll and yaw are positive in MAVLink. The
+    first yaw target is the reported yaw, 1 rad; 0.1 s later it has moved by a tenth of the yaw rate."""
+    turn_rate, sense = SIDES[side]
+    adapter = AUTOPILOTS["ardupilot", "copter attitude"](FACTS)
+    state = STATE._replace(push=(1.8, 0.0))
+    steer = Steer(yaw_rate_from_turn_rate(TurnRate(turn_rate)), SPEED)
+    lean = {"roll": BANK * sense, "pitch": -atan(1.8 / 9.80665)}
+    encoder = Encoder(*US)
+    assert_alike(encoder.encode(adapter.setpoint(steer, state, AT)), yawed_frame(**lean, yaw=1.0))
+    later = adapter.setpoint(steer, state, AT + 0.1)
+    later.time_boot_ms = 12345
+    assert_alike(Encoder(*US).encode(later), yawed_frame(**lean, yaw=1.0 + 0.1 * TURN * sense))
+
+
+def test_copter_by_attitude_limits_the_lead_of_its_yaw_target() -> None:
+    """A vehicle that does not turn: the target stays within 20 deg of its yaw."""
+    adapter = AUTOPILOTS["ardupilot", "copter attitude"](FACTS)
+    for tick in range(200):
+        message = adapter.setpoint(Steer(yaw_rate_from_turn_rate(TurnRate(-0.5)), SPEED), STATE, AT + tick / 20)
+    w, _, _, z = message.q
+    assert 2 * atan(z / w) == pytest.approx(1.0 + radians(20), abs=0.02)
+
+
+def test_copter_by_attitude_levels_at_the_end() -> None:
+    adapter = AUTOPILOTS["ardupilot", "copter attitude"](FACTS)
+    level = adapter.safe_setpoint(STATE._replace(push=(1.8, 0.3)), AT)
+    assert_alike(Encoder(*US).encode(level), yawed_frame(roll=0.0, pitch=0.0, yaw=1.0))
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_px4_copter_by_stick_pushes_forward_and_into_its_turn(side: str) -> None:
+    """Full stick is g tan(35 deg) = 6.867 m/s^2, and 150 deg/s of yaw behind a dead zone of 0.1 and the curve
+    0.4 x + 0.6 x^3. A yaw rate of 0.2 rad/s (0.0764 of full) needs x = 0.1820, so a deflection of 0.2638."""
+    turn_rate, sense = SIDES[side]
+    adapter = AUTOPILOTS["px4", "copter stick"](FACTS)
+    steer = Steer(yaw_rate_from_turn_rate(TurnRate(turn_rate)), SPEED)
+    sent_sticks = adapter.setpoint(steer, STATE._replace(push=(1.8, 0.0)), AT)
+    expected = (262, 291 * sense, 500, 264 * sense)
+    assert (sent_sticks.x, sent_sticks.y, sent_sticks.z, sent_sticks.r) == expected
+
+
 def test_hold_is_standing_still_or_wings_level() -> None:
     """Our clock in the setpoint wraps like a boot time."""
     assert sent(("ardupilot", "copter"), None) == velocity_frame(0x407, forward=0.0, down=0.0, yaw_rate=0.0)
