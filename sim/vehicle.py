@@ -8,13 +8,13 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from .agenda import NEVER, Agenda
 from .config import Event, VehicleConfig
-from .faults.steering import Steering
 from .flight import DRIFT_STEP_US, Flight, Truth
 from .links import TYPE_GCS, Link, Message, Router
 from .ranging_radio import SECOND, RangingRadio
 from .sensor import Sample
 from .services import Services, Streams
 from .signing import UNSIGNED_BY_ARDUPILOT, UNSIGNED_BY_PX4, FrameSigning, read_key
+from .steering import Steering
 from .telemetry import sim_state, truth_array
 from .world import Air
 

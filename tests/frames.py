@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from circnav_sim.faults.frames import write
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot import Pilot
+from tests.tools.fault_link.frames import write
 
 
 def output(pilot: Pilot, now: float) -> bytes:

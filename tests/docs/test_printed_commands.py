@@ -33,7 +33,6 @@ NOT_RUN = {
     r"sim_vehicle.py|(PX4_HOME_ALT=0 )?make px4|export CIRCNAV|python -m tests.tools.firmware": "a firmware, for hours",
     r"python docs/beacon.py": "beside a firmware; tests/flight/test_beacon.py",
     r"python -m tests\.": "minutes to hours, in a checkout; their parts have tests in tests/tools",
-    r"python -m circnav_sim.faults": "between two others; tests/sim/test_process.py",
     r"circnav emulate .*--endpoint|circnav emulate arducopter": "as the pair of the README, which is run",
     r"circnav (preflight|fly) (?!quickstart).*--endpoint": "a vehicle; on ports: tests/flight/test_process.py",
     r"circnav ranging watch \w+:/dev/": "a radio on a serial line; test_commands.py has one",

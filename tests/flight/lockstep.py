@@ -10,8 +10,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from circnav_sim.config import parse_vehicle
-from circnav_sim.faults.frames import frames, message_id
-from circnav_sim.faults.pipe import Pipe
 from circnav_sim.vehicle import Truth, Vehicle
 
 from circnav_mav.mav.signing import Signing
@@ -21,6 +19,8 @@ from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.lockstep import Lockstep
 from circnav_mav.runtime.runner import run_step
+from tests.tools.fault_link.frames import frames, message_id
+from tests.tools.fault_link.pipe import Pipe
 
 copyreg.pickle(struct.Struct, lambda unpacker: (struct.Struct, (unpacker.format,)))  # lets a flight be copied
 

@@ -1,7 +1,6 @@
 """A vehicle that runs faster than real time, flown by its own clock, and the alarm if its clock is not used."""
 
 import pytest
-from circnav_sim.faults.frames import message_id
 
 from circnav_mav.runtime import clock as clock_module
 from circnav_mav.runtime.clock import AutopilotClock
@@ -9,6 +8,7 @@ from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.status import StatusSource
 from tests.flight.lockstep import flight, message_ids
 from tests.frames import output
+from tests.tools.fault_link.frames import message_id
 
 SPEED = 3
 RANGE, SETPOINT = 132, 84  # DISTANCE_SENSOR, SET_POSITION_TARGET_LOCAL_NED

@@ -12,7 +12,6 @@ from math import cos, degrees, inf, pi, remainder, sin
 import numpy as np
 import pytest
 from circnav_sim.airframes import multicopter
-from circnav_sim.faults.pipe import Impairment, Pipe
 
 from circnav_mav.guidance import step, watches
 from circnav_mav.guidance.side_slip import SideSlip
@@ -20,6 +19,7 @@ from circnav_mav.guidance.step import Inputs, StepSettings
 from circnav_mav.guidance.types import RelativeMotion
 from circnav_mav.guidance.vector_field import field_heading
 from tests.flight.lockstep import Flight, clockwise_turns, flight, last_third, rms_error, true_radius, unrest
+from tests.tools.fault_link.pipe import Impairment, Pipe
 
 RADIUS, SPEED = {"arduplane": 150.0, "arducopter": 30.0}, {"arduplane": 22.0, "arducopter": 5.0}
 APPROACH = 50.0

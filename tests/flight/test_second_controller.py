@@ -1,12 +1,12 @@
 """Another program steers the same vehicle and is not received here: detected from the vehicle's reports and answers."""
 
 import pytest
-from circnav_sim.faults.frames import frames, message_id, write
 
 from circnav_mav.mav.frames import euler_from_quaternion, quaternion_from_euler
 from circnav_mav.pilot.mission_state import Phase
 from tests.flight.lockstep import SETPOINT_IDS, flight
 from tests.frames import read
+from tests.tools.fault_link.frames import frames, message_id, write
 
 OTHER = (1, 193)
 BEGINS = 30.0

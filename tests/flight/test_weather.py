@@ -6,10 +6,10 @@ wind does not reach the guidance there.
 """
 
 import pytest
-from circnav_sim.faults.pipe import Impairment, Pipe
 
 from circnav_mav.pilot import Ending
 from tests.flight.lockstep import clockwise_turns, flight, last_third, rms_error, unrest
+from tests.tools.fault_link.pipe import Impairment, Pipe
 
 SPEED = {"arduplane": 22.0, "arducopter": 5.0}
 DURATION, JUDGED = 80.0, 45.0

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 from circnav_sim.config import parse_vehicle
-from circnav_sim.faults.frames import message_id
 from circnav_sim.vehicle import Vehicle
 from pymavlink.dialects.v20 import all as mavlink
 
@@ -25,6 +24,7 @@ from circnav_mav.pilot import RANGING, VEHICLE
 from circnav_mav.pilot.preflight_listener import PreflightListener, ReceivedRange
 from tests.flight.signed import KEY, OTHER, key_file
 from tests.rig import Voice, beacon, heartbeat
+from tests.tools.fault_link.frames import message_id
 
 CONFIG = Path(__file__).parents[2] / "config"
 MISSIONS = ("arducopter", "arduplane", "ardurover", "px4_copter", "px4_plane")

@@ -5,13 +5,13 @@ import time
 from random import Random
 
 import pytest
-from circnav_sim.faults import DOWN, UP, FaultLink, Impairment
-from circnav_sim.faults.frames import message_id, write
-from circnav_sim.faults.pipe import Pipe, corrupted
 from pymavlink.dialects.v20 import all as mavlink
 
 from tests.frames import read, rewritten
 from tests.process import PATIENCE, python, running
+from tests.tools.fault_link import DOWN, UP, FaultLink, Impairment
+from tests.tools.fault_link.frames import message_id, write
+from tests.tools.fault_link.pipe import Pipe, corrupted
 from tests.tools.faults.tampering import dropping, on, outliers
 
 
@@ -111,7 +111,7 @@ def test_proxy_passes_datagrams_both_ways_and_late(port):
             end.bind(("127.0.0.1", 0))
             end.settimeout(PATIENCE)
         ends = ("--listen", f"udpin:127.0.0.1:{port}", "--forward", f"udpout:127.0.0.1:{vehicle.getsockname()[1]}")
-        with running(python("-m", "sim.faults", *ends, "--delay", "0.05")) as process:
+        with running(python("-m", "tests.tools.fault_link", *ends, "--delay", "0.05")) as process:
             assert "delay=0.05" in process.stdout.readline()
             sent = time.monotonic()
             application.sendto(b"up", ("127.0.0.1", port))

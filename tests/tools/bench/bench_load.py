@@ -16,12 +16,12 @@ from math import sqrt
 from pathlib import Path
 
 import numpy as np
-from circnav_sim.faults.frames import frames, message_id, write
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot.tick_scheduler import TickScheduler
 from tests.flight.lockstep import true_radius
 from tests.tools.bench.on_port import ROOT, SETPOINT, VehicleOnPort, flown, resident_mb
+from tests.tools.fault_link.frames import frames, message_id, write
 
 MISSION = ROOT / "config" / "arducopter.toml"
 RADIUS, TICK = 30.0, 0.05

@@ -28,7 +28,6 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
-from circnav_sim.faults.frames import frames, message_id
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
@@ -36,6 +35,7 @@ from circnav_mav.pilot import VEHICLE
 from tests.flight.lockstep import SETPOINT_IDS, Flight, flight
 from tests.frames import read
 from tests.tools.bench.on_port import ROOT
+from tests.tools.fault_link.frames import frames, message_id
 
 MISSION = ROOT / "config" / "quickstart.toml"
 BARE, LAWS = "bare pymavlink", ("smooth", "auto")

@@ -13,10 +13,9 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from circnav_sim.faults.frames import frames, message_id
-
 from tests.frames import read
 from tests.tools.bench.on_port import ROOT, SETPOINT, VehicleOnPort, flown
+from tests.tools.fault_link.frames import frames, message_id
 
 PATIENCE, FLY_FOR = 60.0, 1.0
 

@@ -13,9 +13,8 @@ import statistics
 import subprocess
 import sys
 
-from circnav_sim.faults.frames import frames, message_id
-
 from tests.tools.bench.on_port import ROOT, SETPOINT, flown, resident_mb
+from tests.tools.fault_link.frames import frames, message_id
 
 MISSION = ROOT / "config" / "quickstart.toml"
 IMPORTS = ["-c", "import numpy; from pymavlink.dialects.v20 import all"]

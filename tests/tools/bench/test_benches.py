@@ -4,11 +4,11 @@ import socket
 import threading
 
 import pytest
-from circnav_sim.faults.frames import message_id
 
 from tests.rig import Voice, heartbeat
 from tests.tools.bench import bench_estimators, bench_load, bench_locate, bench_loop, bench_sigterm, bench_start
 from tests.tools.bench.on_port import VehicleOnPort
+from tests.tools.fault_link.frames import message_id
 
 
 @pytest.fixture

@@ -12,16 +12,16 @@ from functools import partial
 from math import hypot
 from typing import Any
 
-from circnav_sim.faults import DOWN, UP, Impairment
-from circnav_sim.faults.frames import frames, write
-from circnav_sim.faults.intruders import periodic
-from circnav_sim.faults.link import Passage
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import Pilot
 from tests.flight.lockstep import CONFIG, true_radius
 from tests.frames import output, sender
+from tests.tools.fault_link import DOWN, UP, Impairment
+from tests.tools.fault_link.frames import frames, write
+from tests.tools.fault_link.intruders import periodic
+from tests.tools.fault_link.link import Passage
 from tests.tools.faults.cell import FRESH, LAW, Scenario, Verdict, Want, fly
 from tests.tools.faults.course import PATIENT, SOURCE, Course
 from tests.tools.faults.scenarios.signing import BOTH

@@ -6,11 +6,10 @@ from enum import Enum
 from math import inf, sqrt
 from typing import Any
 
-from circnav_sim.faults import CLEAN, Impairment
-
 from circnav_mav.pilot import Ending
 from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.status import StatusSource
+from tests.tools.fault_link import CLEAN, Impairment
 from tests.tools.faults.course import BAND, Course, Keys, on_the_circle
 
 LAW = "smooth"

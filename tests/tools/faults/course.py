@@ -11,9 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from circnav_sim.config import parse_vehicle
-from circnav_sim.faults import DOWN, UP, FaultLink
-from circnav_sim.faults.frames import frames
-from circnav_sim.faults.link import Intruder
 from circnav_sim.vehicle import MAIN, Truth, Vehicle
 from circnav_sim.vehicle import RANGING as RADIO
 
@@ -24,6 +21,9 @@ from circnav_mav.pilot import RANGING, VEHICLE, Pilot, TickRecord
 from circnav_mav.pilot.mission_state import STEERING, Phase
 from tests.flight.lockstep import CONFIG, UNIX, clockwise_turns, true_radius
 from tests.frames import output
+from tests.tools.fault_link import DOWN, UP, FaultLink
+from tests.tools.fault_link.frames import frames
+from tests.tools.fault_link.link import Intruder
 from tests.tools.faults.judge import GUIDED, Allowed, Witness, broken_rule, is_heartbeat, is_safe, is_setpoint
 
 PATIENT = ("limits.hold_s=70.0", "limits.duration_s=100000.0")

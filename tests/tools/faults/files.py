@@ -14,8 +14,6 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from circnav_sim.faults.intruders import tlog_frames
-
 from circnav_mav.cli.exits import Refused
 from circnav_mav.cli.replay import replay_log
 from circnav_mav.extras.campaign.figures import summarize
@@ -27,6 +25,7 @@ from circnav_mav.runlog.loop_steps import tlog_steps
 from circnav_mav.runlog.run_folder import RunError, open_run
 from tests.flight.lockstep import CONFIG
 from tests.flight.recorded import recorded_flight
+from tests.tools.fault_link.intruders import tlog_frames
 
 MISSIONS = sorted(path for path in CONFIG.glob("*.toml") if "[orbit]" in path.read_text())
 CAMPAIGN = CONFIG / "campaigns" / "wind.toml"

@@ -14,7 +14,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from random import Random
 
-from circnav_sim.faults.frames import frames, raw_frame, write
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mav.session import HANDLED
@@ -24,6 +23,7 @@ from circnav_mav.pilot.mission_state import Phase
 from tests.flight.lockstep import CONFIG
 from tests.frames import output
 from tests.rig import beacon, distance
+from tests.tools.fault_link.frames import frames, raw_frame, write
 from tests.tools.faults.judge import Allowed, broken_rule, is_setpoint
 
 RANGING_IDS = {"distance_sensor": 132, "named_value_float": 251, "ranging_beacon": 513}

@@ -6,11 +6,11 @@ from hashlib import sha256
 from math import asin, atan2, hypot, isfinite
 from typing import Any
 
-from circnav_sim.faults.frames import message_id
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot import PilotSettings
 from tests.frames import read
+from tests.tools.fault_link.frames import message_id
 
 SETPOINTS = {84: "SET_POSITION_TARGET_LOCAL_NED", 82: "SET_ATTITUDE_TARGET", 69: "MANUAL_CONTROL"}
 SLACK = 1e-4

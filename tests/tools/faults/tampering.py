@@ -5,11 +5,11 @@ from itertools import count
 from math import floor
 from random import Random
 
-from circnav_sim.faults.frames import message_id, write
-from circnav_sim.faults.link import DOWN, UP, Passage, Tamper
 from pymavlink.dialects.v20 import all as mavlink
 
 from tests.frames import read, rewritten, sender
+from tests.tools.fault_link.frames import message_id, write
+from tests.tools.fault_link.link import DOWN, UP, Passage, Tamper
 
 DISTANCE_SENSOR, COMMAND_LONG, COMMAND_ACK = 132, 76, 77
 STAMPED = {132: "time_boot_ms", 30: "time_boot_ms", 2: "time_boot_ms", 251: "time_boot_ms", 513: "time_usec"}

@@ -2,9 +2,9 @@
 
 from math import nan
 
-from circnav_sim.faults.frames import write
 from pymavlink.dialects.v20 import all as mavlink
 
+from tests.tools.fault_link.frames import write
 from tests.tools.faults.judge import Allowed, Witness, broken_rule, is_safe, is_setpoint
 
 ALLOWED = Allowed(yaw_rate=0.5, speed=10.0, bank=0.7, pitch=0.26, climb=1.0)

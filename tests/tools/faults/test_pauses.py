@@ -3,13 +3,13 @@
 from itertools import pairwise
 
 import pytest
-from circnav_sim.faults import UP, Impairment
 
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.status import StatusSource
 from tests.frames import read
 from tests.rig import Rig, distance
+from tests.tools.fault_link import UP, Impairment
 from tests.tools.faults.course import on_the_circle
 from tests.tools.faults.scenarios.pauses import PAUSES, radio_pauses
 from tests.tools.faults.tampering import on

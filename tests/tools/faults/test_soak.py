@@ -4,13 +4,13 @@ frames: python -m tests.tools.faults.soak, tests.tools.faults.fuzz."""
 from pathlib import Path
 
 import pytest
-from circnav_sim.faults.frames import message_id
 
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog.tlog import read_tlog
 from tests.flight.lockstep import rms_error
 from tests.flight.recorded import EPOCH_US, recorded_flight
 from tests.frames import read
+from tests.tools.fault_link.frames import message_id
 from tests.tools.faults.files import assault_files
 from tests.tools.faults.fuzz import run
 from tests.tools.faults.soak import WRAP, flown

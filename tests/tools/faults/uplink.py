@@ -9,8 +9,7 @@ import sys
 from math import inf
 from typing import NamedTuple
 
-from circnav_sim.faults import Impairment
-
+from tests.tools.fault_link import Impairment
 from tests.tools.faults.course import BAND, Course
 
 OUTAGE, AFTER = 60.0, 50.0

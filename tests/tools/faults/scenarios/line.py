@@ -2,8 +2,7 @@
 
 from typing import Any
 
-from circnav_sim.faults import Impairment
-
+from tests.tools.fault_link import Impairment
 from tests.tools.faults.cell import FRESH, FRESH_PATIENCE, Scenario, Want
 from tests.tools.faults.course import Course
 

@@ -7,15 +7,15 @@ from random import Random
 from typing import Any
 
 from circnav_sim.config import Event
-from circnav_sim.faults import DOWN, UP, Impairment
-from circnav_sim.faults.frames import message_id, raw_frame, write
-from circnav_sim.faults.intruders import GCS, ground_station, periodic, twin, unknown_senders, vehicle
-from circnav_sim.faults.link import Intruder, Passage, Tamper
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot.mission_state import Phase
 from tests.flight.ground_station import Operator
 from tests.frames import sender
+from tests.tools.fault_link import DOWN, UP, Impairment
+from tests.tools.fault_link.frames import message_id, raw_frame, write
+from tests.tools.fault_link.intruders import GCS, ground_station, periodic, twin, unknown_senders, vehicle
+from tests.tools.fault_link.link import Intruder, Passage, Tamper
 from tests.tools.faults.cell import FRESH, Scenario, Want
 from tests.tools.faults.course import Course
 from tests.tools.faults.scenarios.line import PX4

@@ -3,14 +3,14 @@
 from collections.abc import Callable
 from typing import Any
 
-from circnav_sim.faults import DOWN, UP, Impairment
-from circnav_sim.faults.intruders import periodic, vehicle
-from circnav_sim.faults.link import Intruder
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mav.signing import EPOCH, LATEST, SECOND, Refusal
 from tests.flight.lockstep import UNIX
 from tests.flight.signed import KEY, OTHER, voice
+from tests.tools.fault_link import DOWN, UP, Impairment
+from tests.tools.fault_link.intruders import periodic, vehicle
+from tests.tools.fault_link.link import Intruder
 from tests.tools.faults.cell import FRESH, Scenario, Want
 from tests.tools.faults.course import Course
 from tests.tools.faults.tampering import said_again

@@ -1,4 +1,4 @@
-"""An impaired link: python -m circnav_sim.faults --listen URL --forward URL [faults]."""
+"""An impaired link: python -m tests.tools.fault_link --listen URL --forward URL [faults]."""
 
 import sys
 from collections.abc import Callable
@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import click
+from circnav_sim.server import stop_signals
+from circnav_sim.wires import EndpointError
 
-from ..server import stop_signals
-from ..wires import EndpointError
 from .intruders import ground_station, recorded, twin, unknown_senders, vehicle
 from .link import FaultLink
 from .pipe import CLEAN, Impairment
@@ -19,7 +19,7 @@ BAD_USAGE = 2
 EXAMPLE = """\b
 three terminals, 20 % of all datagrams lost, and an outage of one minute after two minutes:
   circnav emulate arducopter --endpoint udpout:127.0.0.1:14551
-  python -m circnav_sim.faults --loss 0.2 --outage 120+60 \\
+  python -m tests.tools.fault_link --loss 0.2 --outage 120+60 \\
       --forward udpin:127.0.0.1:14551 --listen udpout:127.0.0.1:14550
   circnav fly arducopter --endpoint udpin:127.0.0.1:14550
 Configure your own vehicle to send to port 14551 instead of 14550. Ctrl-C ends it and prints the losses.
@@ -74,7 +74,7 @@ def main(
         proxy = Proxy(listen, forward, link)
     except (EndpointError, ValueError, OSError) as error:
         reason = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else error
-        click.echo(f"sim.faults: {reason}", err=True)
+        click.echo(f"fault_link: {reason}", err=True)
         sys.exit(BAD_USAGE)
     click.echo(f"faults: {listen} <-> {forward}, seed {seed}: {broken}")
     try:

@@ -5,7 +5,8 @@ import sys
 import time
 from collections.abc import Callable
 
-from ..wires import EndpointError, Wire, open_wire, parse_endpoint
+from circnav_sim.wires import EndpointError, Wire, open_wire, parse_endpoint
+
 from .link import DOWN, UP, FaultLink
 
 LONGEST_SLEEP = 0.05

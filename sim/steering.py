@@ -7,8 +7,8 @@ servo, a reversed channel, and a rate controller without gain. The fault replace
 import math
 from copy import copy
 
-from ..body import GRAVITY, euler
-from ..links import Message
+from .body import GRAVITY, euler
+from .links import Message
 
 TURNING = math.radians(12)  # rad/s
 WEAK = 0.1
