@@ -1,6 +1,6 @@
 """Server of the live page, started by the flight: `python -m circnav_mav.extras.web FD AWAY`. FD is a listening socket,
 and stdin carries the feed. The server prints "ready". After the flight it closes stdout. It then serves the page and
-the report until no browser has shown them for AWAY seconds, LONGEST_STAY is over, or the next flight needs the port."""
+the report until no browser has shown them for AWAY seconds, or LONGEST_STAY is over."""
 
 import asyncio
 import json
@@ -13,7 +13,7 @@ from contextlib import suppress
 from math import inf
 from pathlib import Path
 from time import monotonic
-from typing import Any, ClassVar
+from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
@@ -22,9 +22,7 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route
-from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from circnav_mav.extras.web.port import release_name
 from circnav_mav.report.charts import with_charts
 
 POLL = 0.1
@@ -33,10 +31,6 @@ GRACE = 0.5
 """Time for the last event to reach the browsers, s."""
 LONGEST_STAY = 3600.0
 """Longest time for which the page is served after the flight, s. Chosen: a forgotten tab must not keep a process."""
-MOST_BROWSERS = 40
-"""Maximum number of event streams. One more ends the oldest, whose browser reconnects."""
-MOST_CONNECTIONS = 400
-"""Maximum number of open connections. One more closes the oldest idle one."""
 NICENESS = 10
 """Niceness of the server process, so that the flight has priority on a busy processor."""
 LONGEST_LINE = 1 << 16
@@ -138,16 +132,17 @@ def application(history: History) -> Starlette:
                 return HTMLResponse(path.read_bytes(), headers=HEADERS)
         return PlainTextResponse("no report yet", status_code=404, headers=HEADERS)
 
-    streams: dict[object, None] = {}
+    streams: set[object] = set()
 
     async def stream() -> AsyncIterator[str]:
-        if len(streams) >= MOST_BROWSERS:
-            streams.pop(next(iter(streams)))
-        me, seen, ended, written = object(), None, False, False
-        streams[me] = None
+        me = object()
+        seen: int | None = None
+        ended = False
+        written = False
+        streams.add(me)
         history.seen = inf
         try:
-            while me in streams and not history.closed:
+            while not history.closed:
                 over, news, seen = history.over, history.since(seen), history.count
                 for event in news:
                     yield event
@@ -159,7 +154,7 @@ def application(history: History) -> Starlette:
                     yield _event("report", "{}")
                 await asyncio.sleep(POLL)
         finally:
-            streams.pop(me, None)
+            streams.remove(me)
             history.seen = inf if streams else monotonic()
 
     async def events(request: Request) -> Response:
@@ -170,40 +165,14 @@ def application(history: History) -> Starlette:
     return Starlette(routes=routes, middleware=[hosts])
 
 
-class Connection(H11Protocol):
-    """HTTP connection. Beyond MOST_CONNECTIONS the oldest idle one is closed, so that clients with slow or missing
-    requests do not lock out a browser."""
-
-    _open: ClassVar[dict["Connection", None]] = {}
-
-    @property
-    def idle(self) -> bool:
-        """True if no request is complete, all are answered, or the client does not read the response."""
-        return self.cycle is None or self.cycle.response_complete or self.flow.write_paused
-
-    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        super().connection_made(transport)
-        self._open[self] = None
-        if len(self._open) > MOST_CONNECTIONS:
-            # In a burst of requests all may be busy: then close the oldest. Keep the new one: it may be the browser's.
-            others = list(self._open)[:-1]
-            oldest = next((one for one in others if one.idle), others[0])
-            del self._open[oldest]
-            oldest.transport.abort()
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        super().connection_lost(exc)
-        self._open.pop(self, None)
-
-
 async def serve(listener: socket.socket, away: float) -> None:
     """Serve until stdin ends, and then as long as a browser shows the page. away: see `stay`."""
     history = History()
     reader = asyncio.StreamReader(limit=LONGEST_LINE)
     await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
     config = uvicorn.Config(
-        application(history), http=Connection, log_config=None, access_log=False, lifespan="off", ws="none",
-        timeout_graceful_shutdown=1,
+        application(history), http="h11", log_config=None, access_log=False, lifespan="off", ws="none",
+        limit_concurrency=100, timeout_graceful_shutdown=1,
     )  # fmt: skip
     server = uvicorn.Server(config)
     serving = asyncio.create_task(server.serve(sockets=[listener]))
@@ -213,29 +182,16 @@ async def serve(listener: socket.socket, away: float) -> None:
     history.over = True
     await asyncio.sleep(GRACE)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # closes stdout: the flight stops waiting
-    await stay(history, listener.getsockname()[1], away)
+    await stay(history, away)
     history.closed = server.should_exit = True
     await serving
 
 
-async def stay(history: History, port: int, away: float) -> None:
-    """Wait until no browser has shown the page for `away` seconds, LONGEST_STAY is over, or the next flight needs the
-    port. That flight's process connects to the socket `release_name`, and waits until this process has ended."""
-    wanted, begun = asyncio.Event(), monotonic()
-    connections: list[asyncio.StreamWriter] = []
-
-    def ask(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        # A writer that nothing refers to is closed by Python 3.13. The next flight would take that for the end of this
-        # process, while the port is still in use.
-        connections.append(writer)
-        wanted.set()
-
-    with suppress(OSError):  # the name is in use
-        if (name := release_name(port)) is not None:
-            await asyncio.start_unix_server(ask, name)
-    while not wanted.is_set() and monotonic() - history.seen < away and monotonic() - begun < LONGEST_STAY:
-        with suppress(TimeoutError):
-            await asyncio.wait_for(wanted.wait(), POLL)
+async def stay(history: History, away: float) -> None:
+    """Wait until no browser has shown the page for `away` seconds, or LONGEST_STAY is over."""
+    begun = monotonic()
+    while monotonic() - history.seen < away and monotonic() - begun < LONGEST_STAY:
+        await asyncio.sleep(POLL)
 
 
 if __name__ == "__main__":

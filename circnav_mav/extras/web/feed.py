@@ -2,7 +2,6 @@
 does not fit is dropped, so that a slow, stopped or dead server never delays a tick. The page cannot influence the
 flight."""
 
-import errno
 import getpass
 import importlib.util
 import json
@@ -20,7 +19,6 @@ from typing import Any
 
 import circnav_mav
 from circnav_mav.cli.exits import Refused, refusing, say
-from circnav_mav.extras.web.port import release
 from circnav_mav.mav.truth import is_truth_frame, relative_truth
 from circnav_mav.mission.schema import MOST_PORT
 from circnav_mav.pilot import Pilot, PilotSettings, TickRecord
@@ -162,12 +160,7 @@ def open_onlooker(given: OnlookerSettings) -> LivePage | None:
 def _listener(port: int) -> socket.socket:
     """Return a socket that listens on the loopback interface. Opened before the flight. Raises WebError."""
     try:
-        try:
-            return socket.create_server((HOST, port))
-        except OSError as error:  # the page of the flight before may still be shown
-            if error.errno != errno.EADDRINUSE or not release(port, STOP_PATIENCE):
-                raise
-            return socket.create_server((HOST, port))
+        return socket.create_server((HOST, port))
     except OSError as error:
         why = os.strerror(error.errno or 0)
         raise WebError(f"--web {port}: {HOST}:{port} cannot be used: {why}; choose another port") from None
