@@ -11,8 +11,6 @@ from circnav_sim.config import ConfigError
 from circnav_mav.cli.check import refuse_failing
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.foreign import printable
-from circnav_mav.mav.autopilots.interface import Autopilot
-from circnav_mav.mav.ranging import sources as range_sources
 from circnav_mav.mav.ranging.interface import describe_rejected
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.mission import Mission
@@ -20,7 +18,7 @@ from circnav_mav.pilot import VEHICLE, OutputMode, Pilot, PilotSettings
 from circnav_mav.pilot.loop_step import STEPS, LoopStep
 from circnav_mav.report.plots import plot_replay
 from circnav_mav.runlog.atomic_write import atomic_write
-from circnav_mav.runlog.loop_steps import LogClock, LogSources, recorded_steps, tlog_steps
+from circnav_mav.runlog.loop_steps import check_tlog, recorded_steps, tlog_steps
 from circnav_mav.runlog.replay import (
     ReplayResult,
     as_ticks,
@@ -32,7 +30,6 @@ from circnav_mav.runlog.replay import (
 from circnav_mav.runlog.run_folder import Run, RunError, open_run
 from circnav_mav.runlog.summary import UNRECORDED
 from circnav_mav.runlog.ticks import Ticks
-from circnav_mav.runlog.tlog import find_damage
 from circnav_mav.runtime.recorder import write_ticks
 
 UNITS = {"r": ("range", "m"), "r_dot": ("range rate", "m/s"), "demanded": ("law's turn rate", "rad/s"),
@@ -41,8 +38,6 @@ TICKS, PICTURE = "ticks.csv", "replay.png"
 """Files that a replay writes."""
 LAST_DIGIT = 1e-6
 """Resolution of numbers in ticks.csv. Smaller differences are rounding."""
-MOST_NAMED = 6
-"""Maximum number of senders listed before "and more". A log may hold dozens: one for each value that is plotted."""
 
 
 def replay_log(
@@ -99,20 +94,11 @@ def _replay_plain(log: str, path: str | None, overrides: Sequence[str], out: str
         raise Refused(f"{Path(log)}: a plain tlog needs --mission, a mission with its vehicle, circle and ranging")
     mission = _mission(path, partial(load_mission, path), overrides)
     refuse_failing(path, mission, shown=())
-    pilot = Pilot(without_timeouts(mission.pilot_settings(OutputMode.DRY_RUN)))
-    clock, sources = LogClock(), LogSources(pilot.settings.ranging)
     tlog = Path(log)
-    steps = sources.watch(tlog_steps(tlog, mission.file.link.component_id, clock), pilot)
-    empty = "no MAVLink frame in it: not a tlog, or an empty one"
-    done = _replayed(tlog, pilot, steps, ticking=True, empty=empty)
-    problems = []
-    if damage := find_damage(tlog):
-        problems.append(f"{damage}: replayed up to {done.until:.1f} s" if damage.cut else str(damage))
-    if spoilt := pilot.connection.counts[VEHICLE].bad:
-        problems.append(f"{spoilt} damaged frames left out")
-    for problem in filter(None, (*problems, str(clock))):
-        say(f"  WARNING    {tlog.name}: {problem}")
-    _say_who(sources, pilot.session.adapter)
+    check_tlog(tlog)
+    pilot = Pilot(without_timeouts(mission.pilot_settings(OutputMode.DRY_RUN)))
+    steps = tlog_steps(tlog, mission.file.link.component_id)
+    done = _replayed(tlog, pilot, steps, ticking=True, empty="no MAVLink frame in it: not a tlog, or an empty one")
     _check_steered(tlog, pilot)
     _say_ticks(done, pilot, None)
     _write(log, out, done, None, mission)
@@ -236,32 +222,3 @@ def _check_out(out: str | None) -> None:
         return
     if (folder / "flight.tlog").exists() or ((folder / TICKS).exists() and not (folder / PICTURE).exists()):
         raise Refused(f"--out {out}: holds a recorded flight, name another folder for the replay")
-
-
-def _say_who(sources: LogSources, adapter: Autopilot) -> None:
-    """Print the vehicle and range source that were used, and the other senders in the log."""
-    if sources.vehicle is not None:
-        system, component = sources.vehicle
-        kind = sources.vehicles.get(sources.vehicle, "unknown")
-        say(f"  vehicle    system {system}, component {component}: {kind}, autopilot {adapter.name}")
-    ranging = sources.ranging
-    for (message, source), counts in ranging.items():
-        if counts.taken:
-            say(f"  ranging    {message.upper()} of {source}: {counts.taken} of {counts.messages} usable")
-    idle = sorted((key for key, counts in ranging.items() if not counts.taken), key=lambda key: -ranging[key].messages)
-    unused = (f"{message.upper()} of {source}: {ranging[message, source].messages}" for message, source in idle)
-    others = (
-        f"system {system}, component {component}: {kind}, {sources.heartbeats[system, component]} heartbeats"
-        for (system, component), kind in sources.vehicles.items()
-        if (system, component) != sources.vehicle
-    )
-    for title, senders in (("unused", unused), ("others", others)):
-        texts = list(senders)
-        if more := texts[MOST_NAMED:]:
-            texts[MOST_NAMED:] = [f"and {len(more)} more"]
-        if texts:
-            say(f"  {title:<10} {'; '.join(texts)}")
-    if candidates := sources.candidates:
-        keys = " or ".join(range_sources.differences(candidates))
-        done = "and none was used" if sources.ambiguous else "the first one received was used"
-        say(f"  WARNING    {len(candidates)} sensors fit the mission, {done}: select yours by {keys}")

@@ -109,17 +109,6 @@ def is_good(buffer: bytes, frame: Frame) -> bool:
     return not any(one is not None and is_good(buffer, one) for one in inside)
 
 
-def as_version_2(frame: bytes) -> bytes:
-    """Convert a valid MAVLink 1 frame to MAVLink 2. Return any other frame unchanged."""
-    found = frame_at(frame, 0)
-    if found is None or frame[0] != V1 or not found.known or not is_good(frame, found):
-        return frame
-    length, sequence = frame[1:3]
-    header = bytes((length, 0, 0, sequence, found.system, found.component, found.ident, 0, 0))
-    body = header + frame[_HEADER_1.size : -CRC]
-    return bytes((V2,)) + body + _crc(body + _EXTRA[found.ident]).to_bytes(CRC, "little")
-
-
 def split_frames(data: bytes) -> list[bytes]:
     """Return the frames in our own output, which contains only complete frames."""
     frames, at = [], 0
