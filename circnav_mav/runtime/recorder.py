@@ -23,7 +23,6 @@ from typing import IO, Any
 from circnav_mav.mav.signing import without_signature
 from circnav_mav.pilot import TickRecord
 from circnav_mav.pilot.loop_step import HELD_BACK, STEPS, LoopStep, requests_text
-from circnav_mav.runtime.lock import lock
 
 MOST_MB = 2000.0
 """Largest total size of the three files, MB: about 65 h of flight."""
@@ -198,10 +197,8 @@ def _plain(value: Any) -> Any:
 
 
 def _claimed(path: Path) -> IO[bytes]:
-    """Create the file and lock it, which reserves the folder for this flight. Raises TakenError, OSError."""
+    """Create the file, which reserves the folder for this flight. Raises TakenError, OSError."""
     try:
-        file = path.open("xb")
-        lock(file)
-        return file
+        return path.open("xb")
     except FileExistsError:
         raise TakenError(f"{path.parent}: holds {path.name} already, name another folder") from None

@@ -42,7 +42,7 @@ FLOWN = (
     "Copter, target at 1 m/s",
     "Rover R 20 V 3",
     "PX4 copter, wind 3",
-    "PX4 plane by attitude, wind 2",
+    "PX4 plane by stick, wind 2",
     "Plane, airspeed 15 % above the mission's",
     RINGING,
 )

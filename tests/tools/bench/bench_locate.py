@@ -22,6 +22,7 @@ from circnav_sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG
 from circnav_mav.extras.locate.estimator import Knowledge
 from circnav_mav.extras.locate.locator import HOME_SIGMA, Locator
 from circnav_mav.extras.locate.place import CHI95, Place
+from circnav_mav.guidance.circle_change import CircleRequest
 from tests.extras.locate.flown import Surveyed, laps, nees, surveyed
 
 BAND = (0.0506, 7.378)
@@ -43,12 +44,17 @@ class Situation:
     laps: float = 1.0
     speed: float = 0.0
     gps: float = 1.5
+    second: float | None = None
+    """Radius of the second circle, m."""
 
 
+TWO_CIRCLES = ("vehicle.max_turn_rate_deg_s=35",)
 SITUATIONS = (
     Situation("one lap, .5 m"),
     Situation("one lap, LoRa", ('sim.ranging.preset="lora"', "ranging.sigma_m=3")),
     Situation("one lap, 10 % outliers", ("sim.ranging.outlier_fraction=0.1",)),
+    Situation("two circles, .5 m", TWO_CIRCLES, second=60.0),
+    Situation("two circles, RTK (.02 m)", (*TWO_CIRCLES, "sim.sensors.gps_error_m=0.02"), gps=0.02, second=60.0),
     Situation("target at 3 m/s, two laps", ("sim.target.velocity_east_mps=3",), laps=2.0, speed=3.0),
 )
 
@@ -75,6 +81,10 @@ def fly(situation: Situation, seed: int) -> Result | None:
     flown.solve_from = 1e9
     flown.fly(SETTLED)
     begun = flown.now
+    if situation.second is not None:
+        while flown.now < LONGEST and laps([one for one in flown.truths if one.time >= begun]) < 1.25:
+            flown.fly(flown.now + 1.0)
+        flown.pilot.request_circle(CircleRequest(radius=situation.second, by="operator"), flown.now)
     counted = flown.now
     while flown.now < LONGEST and laps([one for one in flown.truths if one.time >= counted]) < situation.laps:
         flown.fly(flown.now + 0.5)
