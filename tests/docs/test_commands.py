@@ -16,15 +16,8 @@ import pytest
 from circnav_mav.mission.load import load_mission
 from tests.process import COPTER, PATIENCE, ROOT, UNHURRIED, circnav
 
-LEAVES = {
-    "pilot": ("beacon.toml", "runs/*-beacon/report.html"),
-    "researcher": ("bench/table.csv", "run/ticks.csv", "again/ticks.csv"),
-    "integrator": ("mine.toml", "run/flight.mcap", "run/flight.tlog"),
-}
 RADIO = "import random\n\ndef read_range():\n    time.sleep(0.1)\n    return random.choice((123.2, 123.4, 123.6))\n"
-LISTENS = r"server = \1\nopen('listens', 'w').close()\nserver.handle_request()"
-"""Replacement code for the program of first-minute.md: it writes a file when it listens. A fixed wait of 1 s may be too
-short."""
+
 ANSWER = b"+OK\r\n+ANCHOR_RCV=DAVID123,5,HELLO,40 cm,-72\r\n"
 """Response from REYAX's RYUW122 AT command guide."""
 
@@ -36,51 +29,6 @@ def blocks(page: str, language: str) -> list[str]:
 
 def block(page: str, language: str, holding: str = "") -> str:
     return next(one for one in blocks(page, language) if holding in one)
-
-
-def printed_by(script: str, folder: Path, *paths: Path) -> str:
-    """Run a shell script that must succeed, and return its standard output. paths: more folders to import from."""
-    script = re.sub(r"(^|&& )circnav ", r"\1python3 -m circnav_mav ", script, flags=re.MULTILINE)
-    ran = subprocess.run(
-        ["sh", "-e", "-c", script.replace("python3 ", f"{sys.executable} ")],
-        cwd=folder, capture_output=True, text=True, timeout=PATIENCE, check=False,
-        env={"PYTHONPATH": os.pathsep.join(map(str, (ROOT, *paths))), "PATH": "/usr/bin:/bin"},
-    )  # fmt: skip
-    assert (ran.returncode, ran.stderr) == (0, ""), ran.stdout
-    return ran.stdout
-
-
-@pytest.mark.parametrize("reader", LEAVES)
-def test_the_commands_of_a_tutorial_run_as_printed_and_leave_what_it_speaks_of(reader, tmp_path):
-    printed_by("".join(blocks(f"tutorial-{reader}", "sh")), tmp_path)
-    for name in LEAVES[reader]:
-        assert list(tmp_path.glob(name)), name
-
-
-def test_the_transcripts_of_the_first_minute_are_what_the_commands_print(tmp_path, port):
-    """Uses the files printed on the pages. pip installs into a temporary folder, without network access."""
-    page, site = (ROOT / "docs" / "first-minute.md").read_text().replace("5005", str(port)), tmp_path / "site"
-    page = re.sub(r"^```text\n.*?^```\n", "", page, flags=re.MULTILINE | re.DOTALL)  # excerpts, not run
-    for name, program in zip(("check_mcap.py", "answers.py"), blocks("first-minute", "python"), strict=True):
-        program = re.sub(r"^(socketserver\..+)\.handle_request\(\)", LISTENS, program, flags=re.MULTILINE)
-        (tmp_path / name).write_text(program.replace("5005", str(port)))
-    (tmp_path / "circnav_ryuw122.py").write_text(block("radios", "python", "Ryuw122"))
-    (tmp_path / "pyproject.toml").write_text(block("radios", "toml", "entry-points"))
-    quietly = "install -qq --no-index --disable-pip-version-check --no-deps --no-build-isolation"
-    shown = re.findall(r"^\$ .+?(?=^\$ |^```)", page, re.MULTILINE | re.DOTALL)
-    for line, *expected in map(str.splitlines, shown):
-        command = re.sub(r" +\(\d+ s\)$", "", line.removeprefix("$ "))
-        if command.startswith(("python3 -m venv", "pip install circnav")):
-            continue
-        command = command.replace("pip install", f"python3 -m pip {quietly} -t {site}")
-        command = command.replace("sleep 1 ", "until [ -e listens ]; do sleep 0.1; done ").replace(
-            "--seconds 2", "--seconds 6"
-        )
-        printed = [plain(line) for line in printed_by(command, tmp_path, site).splitlines()]
-        for one in expected:
-            if one != "  ..." and "run folder" not in one:
-                assert plain(one) in printed, command
-    assert [len(re.findall(rf"^\$ .*{word}", page, re.MULTILINE)) for word in ("fly", "export", "watch")] == [3, 1, 1]
 
 
 def test_the_printed_driver_is_heard_under_the_printed_mission_lines(tmp_path, port):

@@ -21,8 +21,6 @@ from tests.process import circnav as process_of
 
 __all__ = ["circnav", "undrawn"]
 
-ELSEWHERE = {"tutorial-pilot.md", "tutorial-researcher.md", "tutorial-integrator.md", "first-minute.md"}
-"""Pages whose commands are run unchanged by test_commands.py."""
 NOT_RUN = {
     r"python3 -m venv": ".ci/run installs the wheel in an empty folder, and runs the tests by that very line",
     r"\. \.venv/bin/activate": "the same",
@@ -38,7 +36,7 @@ NOT_RUN = {
     r"circnav ranging watch \w+:/dev/": "a radio on a serial line; test_commands.py has one",
     r"circnav campaign .*--scheduler": "a cluster; tests/extras/campaign/test_execution.py has a small one",
     r"circnav locate (runs/|flight\.|ranges\.csv)": "an earlier flight; tests/extras/locate/test_logs.py",
-    r"circnav bench": "half an hour; cells of it: tests/extras/bench/test_command.py and tutorial-researcher.md",
+    r"circnav bench": "minutes to an hour; cells of it: tests/extras/bench/test_command.py",
 }
 SHORTER = {"fly": "--duration 3", "campaign": "--runs 2 --processes 1", "watch": "--seconds 1"}
 
@@ -72,7 +70,7 @@ def reason(command: str) -> str | None:
 
 
 COMMANDS = {page: printed(page) for page in PAGES}
-RUN = [page for page in PAGES if page.name not in ELSEWHERE and not all(map(reason, COMMANDS[page]))]
+RUN = [page for page in PAGES if not all(map(reason, COMMANDS[page]))]
 KEPT = [(page, command) for page, commands in COMMANDS.items() for command in commands if reason(command)]
 
 

@@ -52,6 +52,12 @@ class Row:
     aim_turn: float | None
 
 
+BREEZE = "--wind 3 --turbulence 0.5 --gps-shown"
+WINDY = "--radius 40 --speed 6.4 --wind 4.5 --turbulence 1"
+SX1280 = (
+    "--set ranging.message=named_value_float "
+    "--set ranging.points_m=[[0,4.4],[50,57.6],[100,103],[150,148],[200,201],[250,253]]"
+)
 ROWS = (
     Row("Plane R 150 V 22, calm", "plane", 0.22, 1.0),
     Row("Plane, wind 5 + turbulence 1", "plane --wind 5 --turbulence 1", 0.50, 4.0),
@@ -68,10 +74,18 @@ ROWS = (
     Row("Copter, wind 5 + turbulence 1", "copter --wind 5 --turbulence 1", 0.15, 1.0),
     Row("Copter, target at 1 m/s", "copter --target-speed 1", 0.17, 3.0),
     Row("Copter, UWB ranges, wind 5", "copter --preset uwb --wind 5", 0.18, 3.0),
+    Row("Copter, GPS lost after 60 s, wind 3 + turbulence 0.5", f"copter --gps-off 60 {BREEZE}", 0.50, None),
+    Row("Copter without GPS R 30 V 5, calm", "copter_nogps", 0.20, 1.0),
+    Row("Copter without GPS R 40 V 6.4, wind 4.5 + turbulence 1", f"copter_nogps {WINDY}", 0.60, None),
+    Row("Copter without GPS, target at 1 m/s", "copter_nogps --target-speed 1", 0.40, None),
+    Row("Copter without GPS, UWB ranges", "copter_nogps --preset uwb", 0.30, None),
+    Row("Copter without GPS, SX1280", f"copter_nogps --preset sx1280 {SX1280}", 2.00, None),
+    Row("Copter without GPS, drag of the mission 25 % too low", "copter_nogps --set vehicle.drag_per_s=0.29", 0.30, None),
     Row("Rover R 20 V 3", "rover", 0.08, 2.0),
     Row("PX4 copter R 50 V 5, calm", "px4_copter", 0.40, 2.0),
     Row("PX4 copter, wind 3", "px4_copter --wind 3", 0.45, 2.0),
     Row("PX4 copter, target at 1.1 m/s", "px4_copter --target-speed 1.1", 0.60, 2.0),
+    Row("PX4 copter without GPS R 50 V 5, calm", "px4_copter_nogps --gps-off 8", 0.80, None),
     Row("PX4 plane R 60 V 10 by stick, calm", "px4_plane", 0.30, 2.0),
     Row("PX4 plane by stick, wind 2", "px4_plane --wind 2", 0.30, 2.0),
 )  # fmt: skip
