@@ -181,7 +181,7 @@ class Session:
             self.vehicle.found(self.adapter)
             echo = {} if self.adapter.echo is None else {self.adapter.echo: ECHO_RATE}
             wanted = {**self.adapter.firmware.streams, **echo, **self._more_streams}
-            self.streams = StreamRequests(wanted, maybe={*echo, dialect.MAVLINK_MSG_ID_GPS2_RAW})
+            self.streams = StreamRequests(wanted, maybe=echo)
             self.commands.send(Command(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,)))
         if self.vehicle.unproven:
             self.commands.send(Command(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_SYSTEM_TIME,)))

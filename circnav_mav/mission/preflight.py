@@ -9,6 +9,7 @@ from circnav_mav.mav.autopilots.parameters import Context
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check, Grade
 from circnav_mav.mav.clocks import span_speed
 from circnav_mav.mav.identity import RADIO_NAME
+from circnav_mav.mav.own_motion import ACCELERATIONS
 from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.preflight_ranging import FULL_RATE, SPEED_OFF, judge_ranging
 from circnav_mav.pilot import VEHICLE
@@ -159,6 +160,8 @@ def _without(mission: Mission, listener: PreflightListener, name: str) -> tuple[
         return FAIL, f"the mission needs its {' and '.join(sorted(needs))}"
     if name == "ATTITUDE" and mission.file.vehicle.turn_gain == "learn":
         return FAIL, "the turn gain is learned from it"
+    if name in ACCELERATIONS and listener.session.adapter.airspeed_from_drag:
+        return FAIL, "the airspeed is measured by it"
     if name == "SYS_STATUS" and mission.file.bounds.min_battery_percent is not None:
         return FAIL, "bounds.min_battery_percent needs it"
     return (WARN, _WITHOUT[name]) if name in _WITHOUT else (FAIL, "the ranges arrive in it")
@@ -171,6 +174,10 @@ _WITHOUT = {
     "SYS_STATUS": "no battery charge",
     "ATTITUDE": "no heading",
     "VFR_HUD": "no altitude and airspeed",
+    "GPS_RAW_INT": "a loss of GPS is detected 1 s before the failsafe only",
+    "EKF_STATUS_REPORT": "a loss of GPS is detected by the fix type only",
+    "RAW_IMU": "no accelerations",
+    "HIGHRES_IMU": "no accelerations",
     "HOME_POSITION": "a change of the home position is detected late",
 }
 

@@ -9,7 +9,7 @@ from circnav_mav.mav.codec import Decoder, Message
 from circnav_mav.mav.identity import AUTOPILOT_COMPONENT
 from circnav_mav.mav.parameter_server import REQUESTS
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
-from circnav_mav.mav.session import GPS_HEALTH, HANDLED, HEARTBEAT_PERIOD, Session
+from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, Session
 from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.settings import LINKS, RANGING, VEHICLE, PilotSettings
 
@@ -33,8 +33,8 @@ class Connection:
         if settings.height.target_above_home is not None:
             self.more_streams[dialect.MAVLINK_MSG_ID_HOME_POSITION] = HOME_RATE
         if settings.flies_without_gps:
-            for name in GPS_HEALTH:
-                self.more_streams[getattr(dialect, f"MAVLINK_MSG_ID_{name}")] = GPS_HEALTH_RATE
+            for ident in (dialect.MAVLINK_MSG_ID_GPS_RAW_INT, dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT):
+                self.more_streams[ident] = GPS_HEALTH_RATE
         vehicles = adapters(settings.autopilot, settings.kind, settings.facts)
         self.session = Session(settings.link, vehicles, self.more_streams, signing)
         self.ranging_link = RANGING if settings.ranging_apart else VEHICLE

@@ -10,8 +10,10 @@ from pymavlink.dialects.v20 import all as dialect
 from circnav_mav.guidance.estimators.interface import MethodChange
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.codec import Message
+from circnav_mav.mav.commands import Command
 from circnav_mav.mav.session import Session
 from circnav_mav.pilot.air_path import AirPath
+from circnav_mav.pilot.connection import GPS_HEALTH_RATE
 from circnav_mav.pilot.controller import Controller
 from circnav_mav.pilot.mode_request import ModeRequest
 from circnav_mav.pilot.range_tracker import RangeTracker
@@ -47,6 +49,10 @@ class GpsLoss:
         """Process a message of the vehicle."""
         kind = message.get_type()
         if kind in RECEIVERS:
+            if not self._fixes and self._settings.flies_without_gps:
+                # Many vehicles have no second receiver, so its stream is requested once, and not checked.
+                second = dialect.MAVLINK_MSG_ID_GPS2_RAW, 1e6 / GPS_HEALTH_RATE
+                self._session.commands.send(Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, second))
             had_fix = any(self._fixes.values())
             self._fixes[kind] = message.fix_type >= dialect.GPS_FIX_TYPE_3D_FIX
             if any(self._fixes.values()):
