@@ -1,8 +1,6 @@
 """The batch: exact motion, the requested errors, and the same commands as the flight stack."""
 
 from dataclasses import replace
-from math import inf
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,33 +11,24 @@ from circnav_mav.extras.batch.estimators import Auto
 from circnav_mav.extras.batch.flight import (
     ESTIMATION,
     ORBIT,
-    SITUATIONS,
     STALE,
     TURN_LAG,
     Situation,
-    Tracks,
     begin,
     fly_situation,
     policy,
 )
-from circnav_mav.extras.batch.guidance import POLICIES
 from circnav_mav.extras.batch.sensors import LORA, NO_NOISE, UWB, MotionNoise, MotionSensors, Radio, Ranging, Reading
-from circnav_mav.extras.batch.world import Airframe, Surroundings, Truth, World, flown, turn_step
-from circnav_mav.extras.bench.bench import evaluate, run
-from circnav_mav.extras.bench.table import draw, line, markdown
+from circnav_mav.extras.batch.world import Airframe, Surroundings, World, flown, turn_step
 from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator
 from circnav_mav.guidance.pending_turn import PendingTurn
 from circnav_mav.guidance.step import Steering, holding
 from circnav_mav.guidance.turn_response import Response
 from circnav_mav.guidance.types import Direction, OwnMotion, RangeSample
-from circnav_mav.mission.checks import check_mission
-from circnav_mav.mission.load import load_mission
-from circnav_mav.report import plots
 
 WINDY = Situation("windy", wind=5.0, duration=30.0)
 OUTAGE = Situation("outage", wind=5.0, ranging=Ranging(outage=10.0), duration=40.0)
-QUICKSTART = Path(__file__).parents[3] / "config" / "quickstart.toml"
 
 
 class InTheAir:
@@ -99,14 +88,6 @@ def test_an_outage_in_wind_leaves_the_vehicle_on_its_circle():
     """It holds the circle's turn rate for the estimated drift. At V/r_d, 5 m/s of wind would carry it away for 10 s."""
     tracks = fly_situation(replace(OUTAGE, start=(60.0, 160.0), duration=120.0), policy("auto"), 8, seed=4)
     assert np.abs(tracks.r[tracks.time > 60] - 100.0).max() < 5.0
-
-
-@pytest.mark.parametrize("law", sorted({law for law, _ in POLICIES.values()}))
-def test_the_benchmark_flies_the_gain_that_the_check_of_the_quickstart_prints(law):
-    (said,) = (
-        line.text for line in check_mission(load_mission(QUICKSTART, [f"guidance.law={law}"])) if line.subject == "gain"
-    )
-    assert f"k = {tune(ORBIT, law, turn_lag=TURN_LAG).gain:.4g} " in said
 
 
 def test_arcs_are_exact_for_any_step():
@@ -231,58 +212,3 @@ def test_starts_lie_all_round_the_target_within_the_ranges_asked_for():
     assert (world.r.min(), world.r.max()) == pytest.approx((10.0, 600.0), abs=10.0)
     assert np.abs(np.exp(1j * np.arctan2(*world.p[::-1])).mean()) < 0.1
     assert np.hypot(*world.wind) == pytest.approx(np.full(400, 5.0))
-
-
-def test_the_benchmark_tells_a_law_that_holds_from_one_that_does_not(tmp_path, monkeypatch):
-    name = "wind 0.20 V"
-    monkeypatch.setitem(SITUATIONS, name, replace(SITUATIONS[name], start=(80.0, 200.0), duration=140.0))
-    full, feedforward = run([(name, "full information"), (name, "feedforward")], 6, 1, tmp_path)
-    assert full.kept == feedforward.kept == 6
-    assert full.rms_median < 0.05 < 1.0 < feedforward.rms_median
-    assert (tmp_path / "table.png").stat().st_size > 10_000
-    assert (tmp_path / "table.csv").read_text().count("\n") == 3
-    table = (tmp_path / "table.md").read_text().splitlines()
-    assert table[0] == "| situation | full information | feedforward |"
-    assert table[2].startswith(f"| wind 0.20 V | {full.rms_median:.2f}, sd {full.turn_std_deg_s:.1f} | ")
-    assert "at the limit 0 %" in line(full) and "limit cycles" not in line(full)
-    assert "kept    6 of 6" in line(full)
-
-
-@pytest.fixture(scope="module")
-def cell():
-    """Results of five synthetic flights from 200 m to their circle in 40 s, counter-clockwise. Three have 0, 1 and
-    20 m of error, one flies in the wrong direction, and one is blown away."""
-    time = np.arange(0.0, 400.0, 0.5)
-    e = np.broadcast_to([0.0, 1.0, 20.0, 0.0, 300.0], (800, 5))
-    r = np.where(time[:, None] < 40.0, 200.0, 100.0 + e)
-    angle = np.outer(time, [0.15, 0.15, 0.15, -0.15, 0.001])
-    start = Truth(np.array([[200.0], [0.0]]) * np.ones(5), np.zeros((2, 5)), np.full(5, np.pi), np.zeros(5))
-    still, command = np.zeros((800, 5)), np.full((800, 5), 0.15)
-    nees = np.broadcast_to([0.01, 1.0, 1.0, 1.0, np.nan], (800, 5))
-    tracks = Tracks(time, r, still, angle, command, r + 0.1, still + 0.2, nees, np.ones(5), start)
-    return evaluate(SITUATIONS["calm"], "auto", tracks, 0.0)
-
-
-def test_what_a_cell_says_is_what_can_be_counted_by_hand(cell):
-    """Kept: below 10 m and in the right direction. Straight on from 200 m, the tangent point is about 12 s away."""
-    assert (cell.flights, cell.kept, cell.wrong_way, cell.limit_cycles) == (5, 2, 1, 0)
-    assert (cell.rms_median, cell.rms_p95, cell.rms_max, cell.mean_error) == pytest.approx((1.0, 300.0, 300.0, 64.2))
-    assert 40.0 / 15 < cell.settled10_median < 40.0 / 11 and cell.settled10_p95 == inf
-    assert cell.settled2_median == cell.settled10_median
-    assert (cell.closest_outside, cell.turn_std_deg_s, cell.turn_at_limit) == pytest.approx((100.0, 0.0, 0.0))
-    assert (cell.range_rmse, cell.rate_rmse) == pytest.approx((0.1, 0.2))
-    assert (cell.nees_mean, cell.nees_in_band) == pytest.approx((3.01 / 4, 0.75))
-    assert "kept    2 of 5  wrong way 1  RMS   1.000 p95  300.000 (<= 0.12)" in line(cell)
-    assert "| calm | 2 of 5 | **1.000** / 300.000 / 300.00;" in markdown([cell])
-
-
-def test_the_picture_of_a_single_law_has_its_whole_title_and_says_lost_where_the_document_does(cell, monkeypatch):
-    figures = []
-    monkeypatch.setattr(plots, "save", lambda figure, path, dpi: figures.append(figure))
-    kept = [replace(cell, situation=str(rms), rms_median=rms, kept=5) for rms in (299.0, 301.0)]
-    draw(kept, Path("table.png"))
-    (figure,) = figures
-    figure.draw_without_rendering()
-    title = figure.axes[0].title.get_window_extent()
-    assert figure.bbox.x0 <= title.x0 < title.x1 <= figure.bbox.x1
-    assert [text.get_text() for text in figure.axes[0].texts] == ["299.00", "lost"]
