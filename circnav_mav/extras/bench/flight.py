@@ -5,6 +5,7 @@ SI, radians, the paper's frame (x east, y north, counter-clockwise).
 
 from dataclasses import dataclass, replace
 from math import atan2, cos, exp, hypot, pi, sin, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +56,7 @@ class Track:
     """
 
     rows: dict[str, NDArray[np.float32]]
-    time: NDArray[np.float64]
+    time: NDArray[Any]
     sense: float
     start: Pair
     heading: float
