@@ -15,14 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from circnav_mav.extras.batch import metrics
-from circnav_mav.extras.batch.worker_pool import workers
 from circnav_mav.extras.bench.flight import Track, fly
 from circnav_mav.extras.bench.situations import LAST, ORBIT, SITUATIONS, Situation
 from circnav_mav.extras.bench.table import Cell, draw, line, markdown, write_csv
 from circnav_mav.guidance.maths import Batch
+from circnav_mav.runlog import many_flights
 from circnav_mav.runlog.atomic_write import write_text
 from circnav_mav.runlog.metrics import turn_figures
+from circnav_mav.runtime.worker_pool import workers
 
 KEPT_BELOW = 10.0
 """RMS radius error, m, of a flight that is kept: a tenth of the benchmark's radius; chosen."""
@@ -82,14 +82,14 @@ def evaluate(situation: Situation, policy: str, flown: Sequence[Track], seconds:
         return np.asarray(rows[name][late])
 
     error = end("r") - r_d
-    rms = metrics.rms(error)
-    right_way = metrics.right_way(end("angle"), sense)
+    rms = many_flights.rms(error)
+    right_way = many_flights.right_way(end("angle"), sense)
     outside = rows["r"][0] > 1.3 * r_d
-    ideal = metrics.tangent_time(
+    ideal = many_flights.tangent_time(
         start[:, outside], heading[outside], sense[outside],
         V=ORBIT.speed, r_d=r_d, max_turn_rate=ORBIT.max_turn_rate,
     )  # fmt: skip
-    ten, two = (metrics.last_exit(time, rows["r"][:, outside], r_d, band * r_d) / ideal for band in (0.1, 0.02))
+    ten, two = (many_flights.last_exit(time, rows["r"][:, outside], r_d, band * r_d) / ideal for band in (0.1, 0.02))
     commands = (turn_figures(time[late], command, ORBIT) for command in end("command").T)
     turns = [turn for turn in commands if turn]
     range_error = end("r_hat") - end("r")
@@ -113,8 +113,8 @@ def evaluate(situation: Situation, policy: str, flown: Sequence[Track], seconds:
         settled2_median=_percentile(two, 50),
         settled2_p95=_percentile(two, 95),
         closest_outside=_percentile(rows["r"][:, outside].min(axis=0), 1),
-        overshoot_inside=_percentile(metrics.overshoot(rows["r"], r_d)[rows["r"][0] < r_d], 50),
-        wrong_way=int((~right_way & metrics.went_round(end("angle"))).sum()),
+        overshoot_inside=_percentile(many_flights.overshoot(rows["r"], r_d)[rows["r"][0] < r_d], 50),
+        wrong_way=int((~right_way & many_flights.went_round(end("angle"))).sum()),
         turn_std_deg_s=float(np.median([turn.turn_std_deg_s for turn in turns])),
         turn_at_limit=float(np.median([turn.turn_at_limit for turn in turns])),
         turn_variation_rad_s2=float(np.median([turn.turn_variation_rad_s2 for turn in turns])),

@@ -9,9 +9,9 @@ from itertools import islice
 from queue import SimpleQueue
 from typing import Any
 
-from circnav_mav.extras.batch.worker_pool import Submit, WorkerDiedError, workers
 from circnav_mav.extras.campaign.fly import Row, fly_run
 from circnav_mav.extras.campaign.plan import Campaign, CampaignError
+from circnav_mav.runtime.worker_pool import Submit, WorkerDiedError, workers
 
 Rows = Generator[Row, None, None]
 SERVER_FIRST = ("", "tcp")

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from circnav_mav.extras.batch.worker_pool import WorkerDiedError, workers
+from circnav_mav.runtime.worker_pool import WorkerDiedError, workers
 from tests.process import PATIENCE, ROOT, python
 
 FOREVER = 600.0
 JOBS = """
 import math, os, signal, sys, threading
-from circnav_mav.extras.batch.worker_pool import workers
+from circnav_mav.runtime.worker_pool import workers
 
 def interrupt():
     os.killpg(0, signal.SIGINT)  # as a terminal does: everybody hears it
@@ -34,7 +34,7 @@ if __name__ == "__main__":
 """
 HOLDS = """
 import math, time
-from circnav_mav.extras.batch.worker_pool import workers
+from circnav_mav.runtime.worker_pool import workers
 
 if __name__ == "__main__":
     with workers(2) as submit:
