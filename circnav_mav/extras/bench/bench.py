@@ -1,6 +1,6 @@
 """The benchmark: every law and estimator in every situation, as a table, a CSV file and a picture.
 
-    circnav bench --flights 1000 --out bench
+    circnav bench --flights 20 --out bench
 
 A flight is kept if the RMS radius error of its last 100 s is below 10 m and it went round the right way. The random
 numbers of a cell depend only on --seed and its situation, so its results are the same alone and in the whole table.
@@ -9,21 +9,25 @@ numbers of a cell depend only on --seed and its situation, so its results are th
 import time
 import zlib
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
 
-from circnav_mav.extras.batch import metrics
-from circnav_mav.extras.batch.flight import LAST, ORBIT, SITUATIONS, Situation, Tracks, fly_situation, policy
-from circnav_mav.extras.batch.worker_pool import workers
+from circnav_mav.extras.bench.flight import Track, fly
+from circnav_mav.extras.bench.situations import LAST, ORBIT, SITUATIONS, Situation
 from circnav_mav.extras.bench.table import Cell, draw, line, markdown, write_csv
 from circnav_mav.guidance.maths import Batch
+from circnav_mav.runlog import many_flights
 from circnav_mav.runlog.atomic_write import write_text
 from circnav_mav.runlog.metrics import turn_figures
+from circnav_mav.runtime.worker_pool import workers
 
 KEPT_BELOW = 10.0
 """RMS radius error, m, of a flight that is kept: a tenth of the benchmark's radius; chosen."""
+Flown = tuple[Track, float]
+"""A flight and its processor time, s."""
 
 
 def run(
@@ -35,10 +39,18 @@ def run(
     report: called with a line for each cell. Raises WorkerDiedError.
     """
     done: list[Cell] = []
-    with workers(cores) if min(cores, len(cells)) > 1 else nullcontext() as submit:
-        jobs = [submit(fly_cell, *cell, flights, seed) for cell in cells] if submit else []
+    with workers(cores) if min(cores, len(cells) * flights) > 1 else nullcontext() as submit:
+        jobs: list[list[Future[Flown]]] = []
+        if submit is not None:
+            jobs = [[submit(fly_one, *cell, seed, number) for number in range(flights)] for cell in cells]
         for at, cell in enumerate(cells):
-            done.append(jobs[at].result() if jobs else fly_cell(*cell, flights, seed))
+            if jobs:
+                flown = [job.result() for job in jobs[at]]
+                jobs[at] = []  # frees the memory of the tracks
+            else:
+                flown = [fly_one(*cell, seed, number) for number in range(flights)]
+            seconds = sum(one for _, one in flown)
+            done.append(evaluate(SITUATIONS[cell[0]], cell[1], [track for track, _ in flown], seconds))
             report(line(done[-1]))
             if out is not None:
                 write_csv(done, out / "table.csv")
@@ -48,36 +60,42 @@ def run(
     return done
 
 
-def fly_cell(situation: str, law: str, flights: int, seed: int) -> Cell:
-    """Fly one cell. Its worlds depend on seed and situation only, so that they are the same for all policies."""
-    flown = SITUATIONS[situation]
-    began = time.perf_counter()
-    # The figures of BENCHMARK.md were flown when the names of situations were written without leading zeros ("wind
-    # .33 V"). The seed is computed from that spelling, so that the same worlds are drawn.
-    world = seed + zlib.crc32(situation.replace("0.", ".").encode()) % 1_000_000
-    tracks = fly_situation(flown, policy(law), flights, world)
-    return evaluate(flown, law, tracks, time.perf_counter() - began)
+def fly_one(situation: str, law: str, seed: int, number: int) -> Flown:
+    """Fly one flight. Its world depends on seed, situation and number only, so that it is the same for all policies."""
+    began = time.process_time()
+    world = seed + zlib.crc32(situation.encode()) % 1_000_000
+    track = fly(SITUATIONS[situation], law, world, number)
+    return track, time.process_time() - began
 
 
-def evaluate(situation: Situation, policy: str, tracks: Tracks, seconds: float) -> Cell:
-    start, r_d, late = tracks.start, ORBIT.radius, tracks.time >= tracks.time[-1] - LAST
+def evaluate(situation: Situation, policy: str, flown: Sequence[Track], seconds: float) -> Cell:
+    """Return the figures of a cell. seconds: processor time of its flights."""
+    r_d = ORBIT.radius
+    time = flown[0].time
+    late = time >= time[-1] - LAST
+    rows = {name: np.array([track.rows[name] for track in flown], float).T for name in flown[0].rows}
+    sense = np.array([track.sense for track in flown])
+    start = np.array([track.start for track in flown]).T
+    heading = np.array([track.heading for track in flown])
 
-    def end(values: Batch) -> Batch:
-        return np.asarray(values[late], float)
+    def end(name: str) -> Batch:
+        return np.asarray(rows[name][late])
 
-    error = end(tracks.r) - r_d
-    rms = metrics.rms(error)
-    right_way = metrics.right_way(end(tracks.angle), tracks.sense)
-    outside = tracks.r[0] > 1.3 * r_d
-    ideal = metrics.tangent_time(
-        start.p[:, outside], start.psi[outside], tracks.sense[outside],
+    error = end("r") - r_d
+    rms = many_flights.rms(error)
+    right_way = many_flights.right_way(end("angle"), sense)
+    outside = rows["r"][0] > 1.3 * r_d
+    ideal = many_flights.tangent_time(
+        start[:, outside], heading[outside], sense[outside],
         V=ORBIT.speed, r_d=r_d, max_turn_rate=ORBIT.max_turn_rate,
     )  # fmt: skip
-    ten, two = (metrics.last_exit(tracks.time, tracks.r[:, outside], r_d, band * r_d) / ideal for band in (0.1, 0.02))
-    commands = (turn_figures(end(tracks.time), command, ORBIT) for command in end(tracks.command).T)
+    ten, two = (many_flights.last_exit(time, rows["r"][:, outside], r_d, band * r_d) / ideal for band in (0.1, 0.02))
+    commands = (turn_figures(time[late], command, ORBIT) for command in end("command").T)
     turns = [turn for turn in commands if turn]
-    rate_error = end(tracks.r_dot_hat) - end(tracks.r_dot)
-    nees = end(tracks.nees)
+    range_error = end("r_hat") - end("r")
+    rate_error = end("r_dot_hat") - end("r_dot")
+    rate_error = rate_error[np.isfinite(rate_error)]
+    nees = end("nees")
     known = np.isfinite(nees)
     in_band = (nees >= 0.0506) & (nees <= 7.378)
     return Cell(
@@ -94,16 +112,16 @@ def evaluate(situation: Situation, policy: str, tracks: Tracks, seconds: float) 
         settled10_p95=_percentile(ten, 95),
         settled2_median=_percentile(two, 50),
         settled2_p95=_percentile(two, 95),
-        closest_outside=_percentile(tracks.r[:, outside].min(axis=0), 1),
-        overshoot_inside=_percentile(metrics.overshoot(tracks.r, r_d)[tracks.r[0] < r_d], 50),
-        wrong_way=int((~right_way & metrics.went_round(end(tracks.angle))).sum()),
+        closest_outside=_percentile(rows["r"][:, outside].min(axis=0), 1),
+        overshoot_inside=_percentile(many_flights.overshoot(rows["r"], r_d)[rows["r"][0] < r_d], 50),
+        wrong_way=int((~right_way & many_flights.went_round(end("angle"))).sum()),
         turn_std_deg_s=float(np.median([turn.turn_std_deg_s for turn in turns])),
         turn_at_limit=float(np.median([turn.turn_at_limit for turn in turns])),
         turn_variation_rad_s2=float(np.median([turn.turn_variation_rad_s2 for turn in turns])),
         limit_cycles=sum(turn.turn_limit_cycle for turn in turns),
-        range_rmse=float(np.median(metrics.rms(end(tracks.r_hat) - end(tracks.r)))),
+        range_rmse=float(np.median(np.sqrt(np.nanmean(range_error**2, axis=0)))),
         rate_rmse=float(np.sqrt((rate_error**2).mean())),
-        rate_p99=_percentile(np.abs(rate_error).ravel(), 99),
+        rate_p99=_percentile(np.abs(rate_error), 99),
         nees_mean=float(nees[known].mean()) if known.any() else float("nan"),
         nees_in_band=float(in_band[known].mean()) if known.any() else float("nan"),
         seconds=seconds,

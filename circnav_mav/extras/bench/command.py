@@ -5,10 +5,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
-from circnav_mav.extras.batch.flight import SITUATIONS
-from circnav_mav.extras.batch.guidance import POLICIES
-from circnav_mav.extras.batch.worker_pool import WorkerDiedError
 from circnav_mav.extras.bench import bench
+from circnav_mav.extras.bench.flight import POLICIES
+from circnav_mav.extras.bench.situations import SITUATIONS
+from circnav_mav.runtime.worker_pool import WorkerDiedError
 
 
 def fly_bench(flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed: int, out: str | None) -> int:

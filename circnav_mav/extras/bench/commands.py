@@ -6,7 +6,7 @@ from circnav_mav.cli.describe import Folder, command
 
 
 @command("circnav_mav.extras.bench.command:fly_bench", short_help="Compare the laws over many flights.")
-@click.option("--flights", type=click.IntRange(1), default=1000, metavar="N", help="Flights per cell.")
+@click.option("--flights", type=click.IntRange(1), default=4, metavar="N", help="Flights per cell.")
 @click.option("--law", "laws", multiple=True, metavar="NAME", help="Only this law (law+estimator). May be repeated.")
 @click.option("--situation", "situations", multiple=True, metavar="NAME", help="Only this situation. May be repeated.")
 @click.option("--seed", type=click.IntRange(0), default=1, metavar="N", help="Seed of all random numbers.")
@@ -16,6 +16,6 @@ def bench() -> None:
 
     \b
     Examples:
-        circnav bench --flights 50 --out bench
+        circnav bench --flights 20 --out bench
         circnav bench --law auto --situation "wind 0.33 V"
     """

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from circnav_mav.extras.batch.flight import SITUATIONS
+from circnav_mav.extras.bench.situations import SITUATIONS
 from circnav_mav.runlog.atomic_write import atomic_write
 
 OWN = "auto"

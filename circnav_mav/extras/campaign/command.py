@@ -2,30 +2,25 @@
 
 import signal
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-from circnav_sim.config import ConfigError
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.extras.campaign.execute import cores, on_cores, on_scheduler
 from circnav_mav.extras.campaign.figures import SUMMARY, summarize
-from circnav_mav.extras.campaign.fly import Row, chunks, lockstep_reason
-from circnav_mav.extras.campaign.plan import Campaign, CampaignError, load_campaign, prepare, unflyable_value
+from circnav_mav.extras.campaign.fly import Row
+from circnav_mav.extras.campaign.plan import Campaign, CampaignError, load_campaign, unflyable_value
 from circnav_mav.extras.campaign.plots import plot_campaign
 from circnav_mav.extras.campaign.store import TABLE, Store
 from circnav_mav.foreign import printable
-from circnav_mav.mission.load import MissionError
 from circnav_mav.runlog.atomic_write import write_json
 from circnav_mav.runtime.clock import local_time_name
 
-MOST_CHECKED = 200
-"""Largest number of flights that are checked before the start for reasons to need lockstep."""
 SETTLED = ("settled_median", "settled_p95")
 REPORT_EVERY = 10.0
 """Time between two lines of progress without a terminal, s."""
@@ -43,55 +38,34 @@ def fly_campaign(
             raise Refused("--resume: name the folder of the campaign to continue: --out DIR")
         name = Path(file).stem
         folder = Path(out) if out else Path("campaigns") / f"{local_time_name()}-{name}"
-        engines = _engines(campaign)
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: keep and print the results
         with closing(Store(folder, campaign, resume=resume)) as store:
-            say(engines)
+            say(f"{campaign.where}: {campaign.runs} flights")
             interrupted = _fly(campaign, store, scheduler, processes)
             return _finish(campaign, store, printable(name), interrupted)
 
 
-def _engines(campaign: Campaign) -> str:
-    """Return a text: how many of the first flights a batch can fly, how many need lockstep, and why. Raises Refused if
-    the campaign requires a batch and a flight needs lockstep."""
-    if campaign.engine == "lockstep":
-        return f"{campaign.where}: {campaign.runs} flights in lockstep"
-    checked = min(campaign.runs, MOST_CHECKED)
-    reasons: Counter[str] = Counter()
-    for number in range(checked):
-        with suppress(MissionError, ConfigError):  # the row of such a flight has the error
-            reasons.update(filter(None, [lockstep_reason(prepare(campaign, number))]))
-    if reasons and campaign.engine == "batch":
-        raise Refused(f'{campaign.where}: engine: "batch" cannot fly this mission: {next(iter(reasons))}')
-    slow = sum(reasons.values())
-    counted = f"{checked - slow} in batches, {slow} in lockstep"
-    flights = f"{campaign.runs} flights" + (f", of the first {checked}" if checked < campaign.runs else "")
-    each = [f"  in lockstep, one by one: {count}, because {reason}" for reason, count in reasons.items()]
-    return "\n".join([f"{campaign.where}: {flights}: {counted}", *each])
-
-
 def _fly(campaign: Campaign, store: Store, scheduler: str | None, processes: int | None) -> bool:
     """Fly the missing runs. Return True if interrupted. Raises CampaignError."""
-    missing = [chunk for chunk in chunks(campaign) if not store.done.issuperset(chunk)]
+    missing = [number for number in range(campaign.runs) if number not in store.done]
     if not missing:
         return False
-    done = frozenset(store.done)
     if scheduler is None:
-        results = on_cores(campaign, missing, processes or cores(), done)
+        results = on_cores(campaign, missing, processes or cores())
     else:
-        results = on_scheduler(campaign, missing, scheduler, done)
+        results = on_scheduler(campaign, missing, scheduler)
     try:
         with _progress(len(store.done), campaign.runs) as show, closing(results):
-            for rows in results:
-                store.add(rows)
-                show(len(store.done), rows)
+            for row in results:
+                store.add([row])
+                show(len(store.done), row)
     except KeyboardInterrupt:
         return True
     return False
 
 
 @contextmanager
-def _progress(done: int, total: int) -> Iterator[Callable[[int, list[Row]], None]]:
+def _progress(done: int, total: int) -> Iterator[Callable[[int, Row], None]]:
     """Show progress: a bar on a terminal, otherwise a line every REPORT_EVERY seconds."""
     console = Console()
     if not console.is_terminal:
@@ -103,18 +77,18 @@ def _progress(done: int, total: int) -> Iterator[Callable[[int, list[Row]], None
         task = bar.add_task("", total=total, completed=done, lost="")
         lost = 0
 
-        def show(done: int, rows: list[Row]) -> None:
+        def show(done: int, row: Row) -> None:
             nonlocal lost
-            lost += sum(not row["kept"] for row in rows)
+            lost += not row["kept"]
             bar.update(task, completed=done, lost=f"{lost} not kept")
 
         yield show
 
 
-def _lines(before: int, total: int) -> Callable[[int, list[Row]], None]:
+def _lines(before: int, total: int) -> Callable[[int, Row], None]:
     began = reported = time.monotonic()
 
-    def show(done: int, rows: list[Row]) -> None:
+    def show(done: int, row: Row) -> None:
         nonlocal reported
         now = time.monotonic()
         if now - reported >= REPORT_EVERY:

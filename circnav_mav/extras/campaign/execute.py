@@ -1,22 +1,19 @@
-"""Execution of a campaign's chunks on the cores of this computer or on the workers of a Dask scheduler."""
+"""Execution of a campaign's runs on the cores of this computer or on the workers of a Dask scheduler."""
 
 import logging
 import os
 import socket
-from collections import deque
-from collections.abc import Callable, Collection, Generator, Sequence
+from collections.abc import Generator, Iterable
 from concurrent.futures import Future
+from itertools import islice
 from queue import SimpleQueue
 from typing import Any
 
-from circnav_mav.extras.batch.worker_pool import Submit, WorkerDiedError, workers
-from circnav_mav.extras.campaign.fly import Row, fly_part
+from circnav_mav.extras.campaign.fly import Row, fly_run
 from circnav_mav.extras.campaign.plan import Campaign, CampaignError
+from circnav_mav.runtime.worker_pool import Submit, WorkerDiedError, workers
 
-Chunks = Sequence[Sequence[int]]
-Done = Collection[int]
-Rows = Generator[list[Row], None, None]
-Part = tuple[list[Row], list[int]]
+Rows = Generator[Row, None, None]
 SERVER_FIRST = ("", "tcp")
 """Schemes of addresses at which a Dask scheduler sends the first byte. At the others it waits for the client."""
 SCHEMES = (*SERVER_FIRST, "tls", "ws", "wss")
@@ -33,41 +30,36 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def on_cores(campaign: Campaign, chunks: Chunks, processes: int, done: Done = frozenset()) -> Rows:
-    """Yield the rows of the chunks as they finish, in any order, without runs that are done. Raises CampaignError."""
-
-    def here(function: Callable[..., Part], *arguments: Any) -> Future[Part]:
-        flown: Future[Part] = Future()
-        flown.set_result(function(*arguments))
-        return flown
-
+def on_cores(campaign: Campaign, runs: Iterable[int], processes: int) -> Rows:
+    """Yield the rows of the runs as they finish, in any order. Raises CampaignError."""
     if processes == 1:
-        yield from _gathered(here, campaign, chunks, done, ahead=1)
+        for number in runs:
+            yield fly_run(campaign, number)
         return
     try:
         with workers(processes) as submit:
-            yield from _gathered(submit, campaign, chunks, done)
+            yield from _gathered(submit, campaign, runs)
     except WorkerDiedError:
         raise CampaignError("a worker process died (out of memory?): --resume flies the missing runs") from None
 
 
-def _gathered(submit: Submit, campaign: Campaign, chunks: Chunks, done: Done, ahead: int = AHEAD) -> Rows:
-    """Yield the missing rows, flown by the workers behind `submit`. A run that must fly alone is a separate job."""
-    ready: SimpleQueue[Future[Part]] = SimpleQueue()
-    missing = ((chunk, set(chunk).difference(done)) for chunk in chunks)
-    jobs = deque[tuple[Sequence[int], set[int]]]((chunk, wanted) for chunk, wanted in missing if wanted)
+def _gathered(submit: Submit, campaign: Campaign, runs: Iterable[int]) -> Rows:
+    """Yield the rows, flown by the workers behind `submit`, with at most AHEAD jobs under way."""
+    ready: SimpleQueue[Future[Row]] = SimpleQueue()
+    left = iter(runs)
     under_way = 0
-    while jobs or under_way:
-        while jobs and under_way < ahead:
-            submit(fly_part, campaign, *jobs.popleft()).add_done_callback(ready.put)
-            under_way += 1
-        rows, alone = ready.get().result()
+    for number in islice(left, AHEAD):
+        submit(fly_run, campaign, number).add_done_callback(ready.put)
+        under_way += 1
+    while under_way:
+        yield ready.get().result()
         under_way -= 1
-        jobs.extend(([number], {number}) for number in alone)
-        yield rows
+        for number in islice(left, 1):
+            submit(fly_run, campaign, number).add_done_callback(ready.put)
+            under_way += 1
 
 
-def on_scheduler(campaign: Campaign, chunks: Chunks, address: str, done: Done = frozenset()) -> Rows:
+def on_scheduler(campaign: Campaign, runs: Iterable[int], address: str) -> Rows:
     """Yield the rows as `on_cores` does, flown by the workers of a Dask scheduler. Raises CampaignError."""
     try:
         import distributed
@@ -89,7 +81,7 @@ def on_scheduler(campaign: Campaign, chunks: Chunks, address: str, done: Done = 
         if not client.scheduler_info()["workers"]:
             raise CampaignError(f"--scheduler {address}: has no workers: start some with: dask worker {address}")
         try:
-            yield from _gathered(client.get_executor(pure=False).submit, campaign, chunks, done)
+            yield from _gathered(client.get_executor(pure=False).submit, campaign, runs)
         except Exception as error:
             reason = " ".join(str(error).split())[:200]
             raise CampaignError(

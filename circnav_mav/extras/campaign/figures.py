@@ -16,7 +16,7 @@ KEPT_WITHIN = 0.1
 """A flight is kept if it was completed, went round in the required sense, and the RMS radius error of its last third is
 below this fraction of the radius."""
 FIGURES = (
-    "engine", "outcome", "start_range_m", "start_bearing_deg", "start_heading_deg", "engaged_s", "flown_s", "kept",
+    "outcome", "start_range_m", "start_bearing_deg", "start_heading_deg", "engaged_s", "flown_s", "kept",
     "rms_m", "mean_error_m", "settled_s", "closest_m", *NAMES, "sense", "right_way", "error",
 )  # fmt: skip
 NUMBERS = frozenset(name for name in FIGURES if name.endswith(("_m", "_s", "_deg", "_at_limit", "_rad_s2")))
@@ -39,7 +39,6 @@ def row(run: Run, result: FlightResult) -> dict[str, Any]:
     known: dict[str, Any] = {
         "run": run.number,
         **run.values,
-        "engine": result.engine,
         "outcome": result.outcome,
         "start_range_m": hypot(east, north),
         "start_bearing_deg": degrees(atan2(east, north)) % 360,

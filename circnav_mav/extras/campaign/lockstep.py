@@ -19,7 +19,7 @@ EXIT_TIME = 60.0
 
 @dataclass(frozen=True, slots=True)
 class FlightResult:
-    """Result of a flight, from either engine: the true path under control, relative to the target, and the outcome.
+    """Result of a flight: the true path under control, relative to the target, and the outcome.
 
     start: east, north (m) of the target and heading (rad, clockwise from north) at time zero. engaged: time of the
     engagement, s; None if it never engaged. time: time since the engagement, s. outcome: "completed", or the reason of
@@ -27,7 +27,6 @@ class FlightResult:
     and True if the limit cut it.
     """
 
-    engine: str
     start: tuple[float, float, float]
     engaged: float | None
     time: Column
@@ -77,7 +76,6 @@ def fly_lockstep(run: Run) -> FlightResult:
     turns = np.array([(tick.time, tick.turn_rate, tick.saturated) for tick in flight.ticks], float).reshape(-1, 3)
     path = np.array([(t.time, t.east - t.target_east, t.north - t.target_north) for t in truths]).reshape(-1, 3)
     return FlightResult(
-        engine="lockstep",
         start=(start.east - start.target_east, start.north - start.target_north, start.heading),
         engaged=mission.engaged_at,
         time=path[:, 0] - (mission.engaged_at or 0.0),

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from math import prod
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from circnav_sim.config import ConfigError, VehicleConfig, parse_vehicle
@@ -105,7 +105,6 @@ class Campaign:
     text: str
     runs: int
     seed: int
-    engine: str | None
     specs: dict[str, Spec]
 
     @property
@@ -147,7 +146,6 @@ class CampaignFile(BaseModel):
     mission: Annotated[str, Field(min_length=1)]
     runs: Annotated[int, Field(ge=1, le=10_000_000)]
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
-    engine: Literal["batch", "lockstep"] | None = None
     vary: dict[str, Any]
 
 
@@ -179,7 +177,6 @@ def load_campaign(path: str | Path, runs: int | None = None) -> Campaign:
         text=text,
         runs=file.runs,
         seed=file.seed,
-        engine=file.engine,
         specs=_specs(file.vary, str(path)),
     )
 

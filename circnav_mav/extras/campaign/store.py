@@ -20,7 +20,7 @@ TABLE = "runs.csv"
 MAX_TABLE = 10**10
 """Largest size of the table, bytes: ten million flights need less."""
 DECIMALS = 5
-"""Decimals of a length in m. Further digits depend on the size of a batch, which changes numpy's order of summation."""
+"""Decimals of a length in m in the table."""
 TURN_DECIMALS = 4
 """Decimals of the figures of the turn command, for the same reason."""
 SOURCE = "campaign.toml"

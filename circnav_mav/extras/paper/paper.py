@@ -15,11 +15,11 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from circnav_mav.extras.batch import metrics
 from circnav_mav.guidance import laws
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.maths import Batch, chord
 from circnav_mav.report.plots import STYLE, save
+from circnav_mav.runlog import many_flights
 
 V, TARGET, R_D = 1.0, (0.0, -10.0), 10.0
 """Speed, place of the target and radius of the paper's examples (its units)."""
@@ -164,7 +164,7 @@ def study(example: Example, starts: Starts, seconds: float = SECONDS) -> tuple[F
         example,
         len(starts.x),
         (float(last.min()), float(last.max())),
-        metrics.last_exit(tracks.time, tracks.r, example.predicted, TOLERANCE * R_D),
+        many_flights.last_exit(tracks.time, tracks.r, example.predicted, TOLERANCE * R_D),
         clockwise=int((turning(tracks) < 0).sum()),
         most_entries=int(entries(tracks.r, example.fed).max()),
         bearings=(float(tracks.theta_b[-1].min()), float(tracks.theta_b[-1].max())),
@@ -178,7 +178,7 @@ def study(example: Example, starts: Starts, seconds: float = SECONDS) -> tuple[F
 def turning(tracks: Tracks) -> Batch:
     """Return the angle swept round the target over the last tenth of the flight, rad, counter-clockwise positive."""
     tail = slice(-len(tracks.time) // 10, None)
-    return np.asarray(metrics.swept(np.arctan2(tracks.y[tail] - TARGET[1], tracks.x[tail] - TARGET[0])))
+    return np.asarray(many_flights.swept(np.arctan2(tracks.y[tail] - TARGET[1], tracks.x[tail] - TARGET[0])))
 
 
 def entries(r: Batch, r_d: float) -> Batch:

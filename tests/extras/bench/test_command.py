@@ -2,7 +2,7 @@
 
 import pytest
 
-CELL = ("bench", "--law", "pd", "--situation", "calm")
+CELL = ("bench", "--law", "smooth", "--situation", "calm")
 
 
 def test_a_cell_is_flown_and_written(circnav, tmp_path):
@@ -24,8 +24,8 @@ def test_a_place_that_cannot_be_written_is_found_out_before_anything_flies(circn
     [
         ("--law smoth", '--law: "smoth" is not one of: auto; '),
         ("--situation rain", '--situation: "rain" is not one of: calm'),
-        ("--law pd --situation calm --out mission.toml", "mission.toml: File exists"),
-        ("--law pd --situation calm --out=", "--out: is empty, give it a name"),
+        ("--law smooth --situation calm --out mission.toml", "mission.toml: File exists"),
+        ("--law smooth --situation calm --out=", "--out: is empty, give it a name"),
     ],
 )
 def test_wrong_usage_is_one_line_and_nothing_is_written(circnav, mission, command, says):

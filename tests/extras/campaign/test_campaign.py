@@ -7,11 +7,11 @@ from itertools import pairwise
 
 import pytest
 from circnav_sim.config import parse_vehicle
+from circnav_sim.vehicle import Vehicle
 
 from circnav_mav.cli.bundled import bundled
-from circnav_mav.extras.batch.guidance import Guidance
 from circnav_mav.extras.campaign.execute import on_cores
-from circnav_mav.extras.campaign.fly import chunks, fly_chunk, lockstep_reason
+from circnav_mav.extras.campaign.fly import fly_run
 from circnav_mav.extras.campaign.plan import START, load_campaign, prepare
 from circnav_mav.extras.campaign.store import Store
 from circnav_mav.mission.load import load_mission
@@ -22,8 +22,8 @@ SHORT = '"limits.duration_s" = [5.0]\n"guidance.law" = ["smooth", "pi"]\n'
 
 def flown(store, results):
     """Return the table of a campaign flown into a folder."""
-    for rows in results:
-        store.add(rows)
+    for row in results:
+        store.add([row])
     store.close()
     store.sort()
     return (store.folder / "runs.csv").read_bytes()
@@ -33,21 +33,21 @@ def flown(store, results):
 def table(write, tmp_path):
     """Table of SHORT, flown in this process."""
     campaign = load_campaign(write(SHORT))
-    return flown(Store(tmp_path / "here", campaign), on_cores(campaign, chunks(campaign), 1))
+    return flown(Store(tmp_path / "here", campaign), on_cores(campaign, range(8), 1))
 
 
 def test_the_table_is_the_same_on_one_process_two_and_when_resumed(write, tmp_path, table):
     campaign = load_campaign(write(SHORT))
     assert table.count(b"\n") == 9
-    assert flown(Store(tmp_path / "two", campaign), on_cores(campaign, chunks(campaign)[::-1], 2)) == table
+    assert flown(Store(tmp_path / "two", campaign), on_cores(campaign, range(7, -1, -1), 2)) == table
     store = Store(tmp_path / "torn", campaign)
-    store.add(fly_chunk(campaign, chunks(campaign)[1]))
+    store.add([fly_run(campaign, 1)])
     store.close()
     with (tmp_path / "torn" / "runs.csv").open("ab") as file:
         file.write(b"5,1234,smo")
     store = Store(tmp_path / "torn", campaign, resume=True)
-    assert store.done == set(chunks(campaign)[1])
-    assert flown(store, on_cores(campaign, chunks(campaign), 1)) == table
+    assert store.done == {1}
+    assert flown(store, on_cores(campaign, [0, *range(2, 8)], 1)) == table
 
 
 def test_the_table_is_the_same_on_two_workers_of_a_dask_scheduler(circnav, write, tmp_path, table):
@@ -61,7 +61,7 @@ def test_the_table_is_the_same_on_two_workers_of_a_dask_scheduler(circnav, write
 
 def test_one_bad_run_does_not_stop_the_rest(write):
     campaign = load_campaign(write(f'{SHORT}"orbit.radius_m" = [100.0, -5.0]'))
-    rows = fly_chunk(campaign, range(4))
+    rows = [fly_run(campaign, number) for number in range(4)]
     assert [row["outcome"] for row in rows] == ["completed", "completed", "error", "error"]
     assert "orbit.radius_m: must be above 0, not -5" in rows[2]["error"]
 
@@ -71,7 +71,7 @@ def test_a_flight_that_breaks_the_program_is_a_row_too(write, monkeypatch):
         raise RuntimeError("a\nb")
 
     monkeypatch.setattr("circnav_mav.extras.campaign.fly.fly_lockstep", breaks)
-    (row,) = fly_chunk(load_campaign(write(SHORT, 'runs = 1\nengine = "lockstep"')), [0])
+    row = fly_run(load_campaign(write(SHORT, "runs = 1")), 0)
     assert row["error"].startswith("internal error: RuntimeError: a b (")
 
 
@@ -92,23 +92,23 @@ def test_values_and_seeds_follow_from_the_campaigns_seed_and_the_number_alone(wr
 def test_start_in_range_and_bearing_is_where_the_vehicle_begins(write):
     vary = '"start.range_m" = [200.0]\n"start.bearing_deg" = [90.0]\n"start.heading_deg" = [30.0]'
     campaign = load_campaign(write(vary + '\n"sim.target.north_m" = [50.0]\n"limits.duration_s" = [2.0]', starts=""))
-    (row,) = fly_chunk(campaign, [0])
+    row = fly_run(campaign, 0)
     shown = [row[name] for name in ("start_range_m", "start_bearing_deg", "start_heading_deg")]
     assert shown == pytest.approx([200.0, 90.0, 30.0], abs=1e-3)
 
 
 def test_a_wrong_sense_of_rotation_is_seen_on_the_true_track(write, monkeypatch):
-    """A wrong sign behind the steering: the circle is as good, because ranges do not show the direction."""
+    """Mirrored track of the same flight: the circle is as good, because ranges do not show the direction."""
     campaign = load_campaign(write('"limits.duration_s" = [90.0]\n"sim.wind.speed_mps" = [0.0]'))
-    right = fly_chunk(campaign, [0])[0]
-    command = Guidance.command
+    right = fly_run(campaign, 0)
+    flown = Vehicle.truth.fget
 
-    def mirrored(*arguments):
-        turn, cut = command(*arguments)
-        return -turn, cut
+    def mirrored(vehicle):
+        truth = flown(vehicle)
+        return truth._replace(east=2 * truth.target_east - truth.east)
 
-    monkeypatch.setattr(Guidance, "command", mirrored)
-    wrong = fly_chunk(campaign, [0])[0]
+    monkeypatch.setattr(Vehicle, "truth", property(mirrored))
+    wrong = fly_run(campaign, 0)
     assert (right["sense"], right["right_way"], right["kept"]) == ("clockwise", True, True)
     assert (wrong["sense"], wrong["right_way"], wrong["kept"]) == ("counterclockwise", False, False)
     assert wrong["rms_m"] < 1.0
@@ -164,16 +164,3 @@ def test_a_row_flown_alone_as_documented_is_the_run_of_the_campaign(write):
     alone = load_mission(CONFIG / "campaign_mission.toml", overrides)
     assert alone.file == run.mission.file
     assert parse_vehicle(alone.file.sim, "sim") == run.vehicle
-
-
-def test_a_mission_that_no_batch_flies_is_refused_where_a_batch_is_asked_for(circnav, write, tmp_path):
-    path = write('"guidance.radius_trim_per_s" = [0.05]', 'runs = 2\nengine = "batch"')
-    ran = circnav("campaign", path, "--out", tmp_path / "never")
-    assert ran.code == 2
-    assert 'engine: "batch" cannot fly this mission: guidance.radius_trim_per_s is not 0' in ran.err
-    assert not (tmp_path / "never").exists()
-
-
-def test_the_campaign_that_ships_is_flown_in_batches():
-    campaign = load_campaign(CONFIG / "campaigns" / "wind.toml")
-    assert [lockstep_reason(prepare(campaign, number)) for number in range(campaign.cells)] == [None] * campaign.cells

@@ -12,21 +12,20 @@ from unittest.mock import MagicMock
 
 import pytest
 
-from circnav_mav.extras.campaign import execute, fly
+from circnav_mav.extras.campaign import execute
 from circnav_mav.extras.campaign.execute import on_cores, on_scheduler
-from circnav_mav.extras.campaign.fly import chunks, fly_chunk, fly_part
+from circnav_mav.extras.campaign.fly import fly_run
 from circnav_mav.extras.campaign.plan import CampaignError, load_campaign
 from circnav_mav.extras.campaign.store import Store
 from tests.process import PATIENCE, ROOT
 
 SHORT = '"limits.duration_s" = [5.0]\n'
-MIXED = SHORT + '"guidance.radius_trim_per_s" = [0.05, 0.0]\n'
 
 
 @pytest.fixture
 def begun(write, tmp_path):
     """A long campaign on two processes, after its first rows."""
-    path, out = write(SHORT, 'runs = 20000\nengine = "lockstep"'), tmp_path / "out"
+    path, out = write(SHORT, "runs = 20000"), tmp_path / "out"
     process = subprocess.Popen(
         [sys.executable, "-m", "circnav_mav", "campaign", path, "--out", out, "--processes", "2"], cwd=ROOT,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
@@ -52,37 +51,10 @@ def test_a_signal_keeps_what_was_flown_and_says_how_to_go_on(begun, tmp_path, se
 
 
 @pytest.mark.parametrize("processes", [1, 2])
-def test_rows_of_a_mixed_grid_come_one_by_one_and_are_those_of_the_whole(write, monkeypatch, processes):
-    """Each flight that does not fit a batch is a separate job, which any other process can take."""
-    campaign = load_campaign(write(MIXED, "runs = 8"))
-    whole = fly_chunk(campaign, range(8))
-    if processes > 1:
-        monkeypatch.setattr(fly, "fly_lockstep", None)  # replaced in this process, not in the others
-    pieces = list(on_cores(campaign, [range(8)], processes))
-    assert max(sum(row["engine"] == "lockstep" for row in rows) for rows in pieces) == 1
-    assert sorted((row for rows in pieces for row in rows), key=lambda row: row["run"]) == whole
-
-
-def test_a_batch_is_made_of_what_a_batch_flies_whatever_run_0_needs(write):
-    campaign = load_campaign(write(MIXED, "runs = 40"))
-    assert [len(chunk) for chunk in chunks(campaign)] == [10] * 4
-    alone = load_campaign(write(SHORT, 'runs = 9\nengine = "lockstep"'))
-    assert [len(chunk) for chunk in chunks(alone)] == [1] * 9
-    rows, left = fly_part(campaign, range(4), range(4))
-    assert ([row["run"] for row in rows], left) == ([1, 3], [0, 2])
-
-
-def test_a_torn_chunk_is_flown_as_the_batch_that_it_was_and_gives_the_rows_that_are_missing(write, monkeypatch):
-    """Five of the 8 runs are complete, one of them a single flight."""
-    together, alone = [], []
-    fly_batch, lockstep = fly.fly_batch, fly.fly_lockstep
-    monkeypatch.setattr(fly, "fly_batch", lambda runs: together.append([run.number for run in runs]) or fly_batch(runs))
-    monkeypatch.setattr(fly, "fly_lockstep", lambda run: alone.append(run.number) or lockstep(run))
-    campaign = load_campaign(write(MIXED, "runs = 8"))
-    pieces = list(on_cores(campaign, [range(8)], 1, done={0, 1, 3, 4, 7}))
-    assert sorted(row["run"] for rows in pieces for row in rows) == [2, 5, 6]
-    assert together == [[1, 3, 5, 7]]
-    assert alone == [2, 6]
+def test_every_run_has_the_row_of_the_run_alone(write, processes):
+    campaign = load_campaign(write(SHORT, "runs = 3"))
+    rows = sorted(on_cores(campaign, range(3), processes), key=lambda row: row["run"])
+    assert rows == [fly_run(campaign, number) for number in range(3)]
 
 
 # --- a Dask scheduler ---
@@ -94,7 +66,7 @@ def refusal(write):
 
     def refusal(address):
         with pytest.raises(CampaignError) as told:
-            list(on_scheduler(load_campaign(write(SHORT)), [[0]], address))
+            list(on_scheduler(load_campaign(write(SHORT)), [0], address))
         assert "\n" not in str(told.value)
         return str(told.value)
 

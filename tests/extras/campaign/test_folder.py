@@ -82,8 +82,7 @@ def test_a_campaign_that_lost_its_files_is_not_resumed_and_says_which(campaign, 
         Store(tmp_path / "out", campaign, resume=True)
 
 
-def test_lengths_have_as_many_digits_as_do_not_hang_on_the_size_of_a_batch(campaign, tmp_path):
-    """The first two are the same flight, in a batch of 24 and of 203. Varied values keep all their digits."""
+def test_lengths_are_written_with_five_decimals(campaign, tmp_path):
     errors = {-0.00968086: "-0.00968", -0.00968063: "-0.00968", -0.000001: "0", 123.456789: "123.457"}
     store = Store(tmp_path / "out", campaign)
     store.add([{"run": run, "mean_error_m": error, "settled_s": 12.3456789} for run, error in enumerate(errors)])

@@ -24,8 +24,9 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from circnav_mav.extras.batch.flight import SITUATIONS, fly_situation, policy
+from circnav_mav.extras.bench import flight
 from circnav_mav.extras.bench.bench import evaluate
+from circnav_mav.extras.bench.situations import SITUATIONS
 from tests.tools.firmware.emulated import CIRCLES, ROWS, fly
 
 FULL = "all"
@@ -197,7 +198,8 @@ def fly_bench(row: str, layer: str) -> Result:
     with ExitStack() as off:
         if layer not in (FULL, ACCELERATIONS):
             off.enter_context(without(_layer(layer)))
-        cell = evaluate(situation, "auto", fly_situation(flown, policy("auto"), BATCH, world), 0.0)
+        tracks = [flight.fly(flown, "auto", world, number) for number in range(BATCH)]
+        cell = evaluate(situation, "auto", tracks, 0.0)
     figures = cell.rms_median, cell.turn_std_deg_s, cell.turn_at_limit
     return Result(row, BATCH_SEED, layer, *figures, cell.kept, cell.flights)
 

@@ -2,7 +2,7 @@
 
 Each has its own pipe and thread, so that one terminated in the middle of a message does not affect the others.
 `ProcessPoolExecutor` has one pipe for all results and blocks forever on an incomplete result. `multiprocessing.Pool`
-blocks forever on the job of a process that died. loky 3.7 replaces processes that have grown by 300 MB, as batches may.
+blocks forever on the job of a process that died. loky 3.7 replaces processes that have grown by 300 MB.
 """
 
 import multiprocessing

@@ -1,4 +1,4 @@
-"""Figures of the flights of a batch, one number per flight. Tracks have shape (N, B); SI units.
+"""Figures of many flights, one number per flight. Tracks have shape (N, B); SI units.
 
 See `circnav_mav.runlog.metrics` for a single recorded flight and for the commands.
 """

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.extras.batch import metrics
-from circnav_mav.extras.batch.metrics import tangent_time
 from circnav_mav.guidance.laws import settling_time
+from circnav_mav.runlog import many_flights
+from circnav_mav.runlog.many_flights import tangent_time
 
 TIME = np.arange(0, 100, 0.1)
 SPEED = {"V": 15.0, "r_d": 100.0, "max_turn_rate": 0.45}
@@ -22,20 +22,20 @@ def column(*values):
 
 def test_settled_from_the_last_exit_and_never_if_it_ends_outside():
     r = column(100 + 50 * np.exp(-TIME / 10), np.full_like(TIME, 130.0), np.full_like(TIME, 100.0))
-    assert metrics.last_exit(TIME, r, 100.0, 10.0) == pytest.approx([10 * np.log(5), inf, 0.0], abs=0.11)
+    assert many_flights.last_exit(TIME, r, 100.0, 10.0) == pytest.approx([10 * np.log(5), inf, 0.0], abs=0.11)
 
 
 def test_the_wrong_way_round_is_noticed_although_the_radius_is_perfect():
     """The bearing of a lost flight creeps a little: it did not go around at all."""
     angle = column(0.15 * TIME, -0.15 * TIME, 0.003 * TIME)
-    assert metrics.right_way(angle, np.ones(3)).tolist() == [True, False, True]
-    assert metrics.right_way(angle, -np.ones(3)).tolist() == [False, True, False]
-    assert metrics.went_round(angle).tolist() == [True, True, False]
+    assert many_flights.right_way(angle, np.ones(3)).tolist() == [True, False, True]
+    assert many_flights.right_way(angle, -np.ones(3)).tolist() == [False, True, False]
+    assert many_flights.went_round(angle).tolist() == [True, True, False]
 
 
 def test_overshoot_is_inward_for_starts_outside_and_outward_for_starts_inside():
     e = 80 * np.exp(-TIME / 9) * np.cos(TIME / 5)
-    assert metrics.overshoot(column(100 + e, 100 - e), 100.0) == pytest.approx([-e.min()] * 2)
+    assert many_flights.overshoot(column(100 + e, 100 - e), 100.0) == pytest.approx([-e.min()] * 2)
 
 
 @pytest.mark.parametrize(

@@ -9,15 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from circnav_mav.extras.batch.flight import SITUATIONS
-from circnav_mav.extras.batch.worker_pool import WorkerDiedError, workers
-from circnav_mav.extras.bench import bench
+from circnav_mav.runtime.worker_pool import WorkerDiedError, workers
 from tests.process import PATIENCE, ROOT, python
 
 FOREVER = 600.0
 JOBS = """
 import math, os, signal, sys, threading
-from circnav_mav.extras.batch.worker_pool import workers
+from circnav_mav.runtime.worker_pool import workers
 
 def interrupt():
     os.killpg(0, signal.SIGINT)  # as a terminal does: everybody hears it
@@ -36,7 +34,7 @@ if __name__ == "__main__":
 """
 HOLDS = """
 import math, time
-from circnav_mav.extras.batch.worker_pool import workers
+from circnav_mav.runtime.worker_pool import workers
 
 if __name__ == "__main__":
     with workers(2) as submit:
@@ -104,19 +102,3 @@ def test_a_process_that_dies_in_its_job_is_no_endless_wait():
     with pytest.raises(WorkerDiedError), workers(2) as submit:
         submit(time.sleep, FOREVER)
         submit(os._exit, 9).result()
-
-
-def test_the_cells_of_the_benchmark_come_in_their_order_and_the_rest_is_dropped():
-    """As in `circnav bench | head`: the first cells are small, the last ones would take very long."""
-
-    def tell(line):
-        told.append(line)
-        if len(told) == 2:
-            raise BrokenPipeError
-
-    told, calm = [], next(iter(SITUATIONS))
-    began = time.monotonic()
-    with pytest.raises(BrokenPipeError):
-        bench.run([(calm, "pd"), (calm, "smooth"), *[(calm, "auto")] * 100], flights=2, report=tell, cores=2)
-    assert [line.split()[1] for line in told] == ["pd", "smooth"]
-    assert time.monotonic() - began < PATIENCE
