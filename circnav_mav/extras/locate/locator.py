@@ -4,7 +4,7 @@ The survey sends as a separate MAVLink component, so the pilot's frames stay the
 message types in `SENT_TYPES`: none of them moves the vehicle.
 """
 
-from cmath import rect
+from cmath import phase, rect
 from collections import deque
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from math import hypot, isfinite, pi
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.extras.locate.conditions import GPS_WATCH, RADIUS
+from circnav_mav.extras.locate.conditions import RADIUS
 from circnav_mav.extras.locate.estimator import Knowledge, NotLocated, Ranges, Track
 from circnav_mav.extras.locate.export import camera, named_values, orbit_status, own_beacon
 from circnav_mav.extras.locate.handback import (
@@ -27,7 +27,6 @@ from circnav_mav.extras.locate.handback import (
     Health,
 )
 from circnav_mav.extras.locate.place import Place, Plane
-from circnav_mav.extras.locate.watch import FaultSource, GpsWatch, Observation, angle_between
 from circnav_mav.guidance.types import OwnMotion, RangeSample, RelativeMotion
 from circnav_mav.mav.clocks import BOOT_WRAP, Order, StampFilter
 from circnav_mav.mav.codec import Decoder, Encoder, Message
@@ -108,7 +107,6 @@ class Locator:
         self.place: Place | None = None
         self.why = "no position of the vehicle"
         """Human-readable reason why the place is unknown."""
-        self.watch = GpsWatch()
         self.handback = HandBack(settings.handback) if settings.handback else None
         self._health, self._reckoning = Health(), DeadReckoning()
         self.only_hand_back = False
@@ -125,7 +123,6 @@ class Locator:
         self._solved_to = float("-inf")
         self._announced_at = float("-inf")
         self._announced: Place | None = None
-        self._fault: FaultSource | None = None
         self._aims, self._aimed = settings.camera, False
         self._aimed_at: Place | None = None
         self._alone = self._ended = False
@@ -197,8 +194,8 @@ class Locator:
             return
         time = self._clock.local(stamp, now)
         self._clock.take(stamp, now)
-        self._look(east, north, up, time, now)
-        if self.watch.trusts_positions and not (self._track and time <= self._track[-1][0]):
+        self._learn_compass(east, north, time, now)
+        if not (self._track and time <= self._track[-1][0]):
             self._track.append((time, east, north, up))
             while now - self._track[0][0] > WINDOW:
                 self._track.popleft()
@@ -206,44 +203,24 @@ class Locator:
     def _range(self, sample: RangeSample, now: float) -> None:
         if self._ranges and sample.time <= self._ranges[-1][0]:
             return
-        if self.watch.trusts_positions or self.watch.fault is None:
-            slant = hypot(sample.r, self._pilot.tracker.height.at(now) or 0.0)
-            self._ranges.append((sample.time, slant, max(sample.sigma * sample.r / max(slant, 1e-3), 0.02)))
+        slant = hypot(sample.r, self._pilot.tracker.height.at(now) or 0.0)
+        self._ranges.append((sample.time, slant, max(sample.sigma * sample.r / max(slant, 1e-3), 0.02)))
         while self._ranges and now - self._ranges[0][0] > WINDOW:
             self._ranges.popleft()
         if len(self._ranges) > MOST_KEPT:  # keep every second range
             self._ranges = deque(islice(self._ranges, 0, None, 2))
 
-    def _look(self, east: float, north: float, up: float, time: float, now: float) -> None:
-        """Compare a reported position with the newest range and bearing, if the range is less than 1 s old.
-
-        Pass the result to the GPS watch. If the watch finds the beacon faulty, discard the place.
-
-        east, north, up: m. time: of the position, s. now: s.
-        """
-        place, own, tracker = self.place, self._own(now), self._pilot.tracker
-        range_off = bearing_off = None
-        if place is not None and tracker.newest is not None and now - tracker.newest.time < 1.0:
-            there = place.at(time)
-            way = there.east - east, there.north - north
-            sigma = hypot(there.sigma, self._gps_sigma, tracker.newest.sigma)
-            height = tracker.height.at(now)
-            flat = hypot(*way) if height is not None else hypot(*way, there.up - up)
-            range_off = tracker.newest.r - flat - place.range_error(flat)[0], sigma
-            relative = self._relative(time)
-            if relative is not None and hypot(*way) > 10:
-                off = angle_between((-relative.x, -relative.y), way)
-                bearing_off = off, (relative.sigma + sigma) / hypot(*way) + 0.05
-        air = None if own is None else rect(own.airspeed, own.heading)
-        self.watch.see(Observation(now, east, north, air, range_off, bearing_off))
-        if bearing_off is not None and self.watch.trusts_positions:
-            self._reckoning.compass.learn(rect(1.0, bearing_off[0]), now)
-        if self.watch.fault is FaultSource.BEACON and self.place is not None:
-            # The beacon has moved, or another beacon answers. Discard the estimate and start again.
-            self.place = None
-            self._track.clear()
-            self._ranges.clear()
-            self.watch.forget_ranges()
+    def _learn_compass(self, east: float, north: float, time: float, now: float) -> None:
+        """Compare the bearings of the target by compass and by a reported position, if the newest range is less than
+        1 s old. east, north: m. time: of the position, s. now: s."""
+        place, newest, relative = self.place, self._pilot.tracker.newest, self._relative(time)
+        if place is None or relative is None or newest is None or now - newest.time >= 1.0:
+            return
+        there = place.at(time)
+        way = complex(there.east - east, there.north - north)
+        if abs(way) > 10:
+            off = phase(complex(-relative.x, -relative.y) / way)
+            self._reckoning.compass.learn(rect(1.0, off), now)
 
     def _relative(self, time: float) -> RelativeMotion | None:
         """Return the position relative to the target by ranges and compass, or None if it is not trusted."""
@@ -262,7 +239,7 @@ class Locator:
             return None
         newest = self._track[-1][0]
         self._solve_at = now + max(SOLVE_EVERY, SOLVE_SHARE * (newest - self._track[0][0]))
-        if not self.watch.trusts_positions or newest == self._solved_to:
+        if newest == self._solved_to:
             return None
         self._solved_to = newest
         track = Track(*np.array(self._track).T)
@@ -419,13 +396,7 @@ class Locator:
         return own if own is not None and now - own.time <= ATTITUDE_MAX_AGE else None
 
     def _say(self, place: Place | None, now: float) -> None:
-        """Queue STATUSTEXT messages: the place when found or moved, and the start and end of a GPS watch alarm."""
-        fault = self.watch.fault
-        if fault is not self._fault:
-            self._fault = fault
-            text = GPS_WATCH.short.format(found=fault.value) if fault else GPS_WATCH.over
-            severity = GPS_WATCH.severity if fault else dialect.MAV_SEVERITY_NOTICE
-            self._announcer.say("watch", text, severity=severity)
+        """Queue STATUSTEXT messages: the place when found or moved."""
         if place is None or now - self._announced_at < TEXT_EVERY:
             return
         if self._announced is None or place.distance(self._announced) > max(place.sigma, 1.0) / 2:

@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import Any
 
 from circnav_mav.cli.exits import Refused
-from circnav_mav.extras.locate.conditions import GPS_WATCH, HAND_BACK, RADIUS, SURVEY_STOPPED
+from circnav_mav.extras.locate.conditions import HAND_BACK, RADIUS, SURVEY_STOPPED
 from circnav_mav.extras.locate.estimator import NotLocated, locate
 from circnav_mav.extras.locate.export import cursor_on_target, geojson, kml
 from circnav_mav.extras.locate.locator import Locator
@@ -85,8 +85,6 @@ class LocateOnlooker(Onlooker):
     def alarms(self, now: float) -> Mapping[str, str]:
         locator = self.locator
         found = SURVEY_STOPPED.alarm(locator.problem) if locator.problem else {}
-        if locator.watch.alarm:
-            found |= GPS_WATCH.alarm(locator.watch.alarm)
         if locator.radius_alarm:
             found |= RADIUS.alarm(locator.radius_alarm)
         if locator.handback and locator.handback.words:
@@ -94,8 +92,8 @@ class LocateOnlooker(Onlooker):
         return found
 
     def finish(self, summary: dict[str, Any]) -> Mapping[str, str]:
-        """Add the place, the GPS watch and the hand-back to the summary. Return target.geojson and target.kml if there
-        is a place, handback.csv if positions were sent."""
+        """Add the place and the hand-back to the summary. Return target.geojson and target.kml if there is a place,
+        handback.csv if positions were sent."""
         locator, files = self.locator, dict[str, str]()
         place, handback = locator.place, locator.handback
         if place is not None:
@@ -110,7 +108,6 @@ class LocateOnlooker(Onlooker):
             files["handback.csv"] = "\n".join([HAND_BACK_COLUMNS, *rows]) + "\n"
         found = {
             "place": None if place is None else place.plain(),
-            "gps_watch": [{"time_s": round(time, 1), "text": text} for time, text in locator.watch.reported],
             "radius_alarm": locator.radius_alarm or None,
             "handback": None if handback is None else handback.plain(),
         }

@@ -4,6 +4,7 @@ from cmath import phase
 from concurrent.futures import Future
 from contextlib import closing
 from dataclasses import replace
+from math import pi
 from types import SimpleNamespace
 
 import numpy as np
@@ -97,17 +98,18 @@ def test_every_range_of_a_datagram_counts():
     assert len(beside.locator._ranges) == before + 3
 
 
-def test_a_spoofed_position_teaches_no_compass_bias(monkeypatch):
+def test_compass_bias_is_learnt_while_a_range_is_fresh(monkeypatch):
     beside = Beside().run(3.0)
     beside.locator.found(PLACE)
     learnt = []
     monkeypatch.setattr(beside.locator._reckoning.compass, "learn", lambda off, now: learnt.append(phase(off)))
     relative = SimpleNamespace(x=0.0, y=150.0, sigma=1.0)
     monkeypatch.setattr(beside.locator, "_relative", lambda time: relative)
-    beside.locator._look(30.0, 190.0, 584.0, beside.rig.now, beside.rig.now)
-    assert learnt == [0.0]
-    beside.locator._look(900.0, 190.0, 584.0, beside.rig.now, beside.rig.now)
-    assert learnt == [0.0]
+    now = beside.rig.now
+    beside.locator._learn_compass(30.0, 190.0, now, now)
+    beside.locator._learn_compass(180.0, 40.0, now, now)
+    beside.locator._learn_compass(30.0, 190.0, now, now + 2.0)
+    assert learnt == pytest.approx([0.0, pi / 2])
 
 
 @pytest.fixture
