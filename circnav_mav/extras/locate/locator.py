@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.extras.locate.conditions import RADIUS
 from circnav_mav.extras.locate.estimator import Knowledge, NotLocated, Ranges, Track
-from circnav_mav.extras.locate.export import camera, named_values, orbit_status, own_beacon
+from circnav_mav.extras.locate.export import named_values, orbit_status
 from circnav_mav.extras.locate.handback import (
     FUSES,
     RECEIVERS,
@@ -30,7 +30,7 @@ from circnav_mav.extras.locate.place import Place, Plane
 from circnav_mav.guidance.types import OwnMotion, RangeSample, RelativeMotion
 from circnav_mav.mav.clocks import BOOT_WRAP, Order, StampFilter
 from circnav_mav.mav.codec import Decoder, Encoder, Message
-from circnav_mav.mav.commands import Command, CommandSender, StreamRequests, once
+from circnav_mav.mav.commands import CommandSender, StreamRequests, once
 from circnav_mav.mav.framing import frame_at
 from circnav_mav.mav.own_motion import ATTITUDE_MAX_AGE
 from circnav_mav.mav.signing import Signing
@@ -44,13 +44,9 @@ WANTED = frozenset({
 STREAMS = {dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0, dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 2.0}
 SECOND = dialect.MAVLINK_MSG_ID_GPS2_RAW
 """Report of a second GPS receiver, which not every vehicle has."""
-SENT_TYPES = frozenset({"NAMED_VALUE_FLOAT", "STATUSTEXT", "ORBIT_EXECUTION_STATUS", "RANGING_BEACON", "COMMAND_LONG",
-                  "COMMAND_INT"})  # fmt: skip
+SENT_TYPES = frozenset({"NAMED_VALUE_FLOAT", "STATUSTEXT", "ORBIT_EXECUTION_STATUS", "COMMAND_LONG", "COMMAND_INT"})
 """Message types that the survey may send. Commands are limited to COMMANDS."""
-COMMANDS = frozenset({
-    dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_DO_SET_ROI_LOCATION, dialect.MAV_CMD_DO_SET_ROI_NONE,
-    dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE,
-})  # fmt: skip
+COMMANDS = frozenset({dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE})
 MOST_AHEAD = 5.0
 """Largest time, s, by which a vehicle's timestamp may be ahead of the estimate of its clock."""
 WINDOW = 600.0
@@ -84,13 +80,10 @@ FRESH_RANGE = 2.0
 
 @dataclass(frozen=True, slots=True)
 class LocateSettings:
-    """component: own MAVLink component id. gps_sigma: standard deviation of a position, m. beacon: True to send
-    RANGING_BEACON with the estimated place. camera: True to point the camera at the place."""
+    """component: own MAVLink component id. gps_sigma: standard deviation of a position, m."""
 
     component: int
     gps_sigma: float = 1.5
-    beacon: bool = False
-    camera: bool = False
     handback: HandBackSettings | None = None
 
 
@@ -123,13 +116,10 @@ class Locator:
         self._solved_to = float("-inf")
         self._announced_at = float("-inf")
         self._announced: Place | None = None
-        self._aims, self._aimed = settings.camera, False
-        self._aimed_at: Place | None = None
         self._alone = self._ended = False
         self.called_off = False
         """True if no position may be handed back after guidance has ended."""
         self._now = 0.0
-        self.cot_due = False
         self.radius_alarm = ""
         """Human-readable error of the ranges on the circle, and the true radius. Empty if no error was found."""
 
@@ -307,7 +297,7 @@ class Locator:
         place = None if self.place is None else self.place.at(now)
         whole = not self.only_hand_back
         if whole and place is not None and now >= self._messages_at:
-            self._messages_at, self.cot_due = now + MESSAGES_EVERY, True
+            self._messages_at = now + MESSAGES_EVERY
             messages += self._operator_messages(place, now, mode)
         if mode is not OutputMode.SHADOW:
             messages += self._requests(place, now)
@@ -318,30 +308,19 @@ class Locator:
 
     def _operator_messages(self, place: Place, now: float, mode: OutputMode) -> list[Message]:
         messages = named_values(place, now)
-        if mode is OutputMode.SHADOW or self._pilot.done:
-            return messages
-        messages.append(orbit_status(place, self._pilot.controller.orbit, now))
-        newest = self._pilot.tracker.newest
-        if self._settings.beacon and newest is not None:
-            slant = hypot(newest.r, self._pilot.tracker.height.at(now) or 0.0)
-            ident = self._pilot.settings.ranging.beacon_id or 0
-            messages.append(own_beacon(place, ident, slant, newest.sigma, self._pilot.session.vehicle_ids, now))
+        if mode is not OutputMode.SHADOW and not self._pilot.done:
+            messages.append(orbit_status(place, self._pilot.controller.orbit, now))
         return messages
 
     def _requests(self, place: Place | None, now: float) -> list[Message]:
-        """Return stream requests, camera commands and the position to hand back."""
+        """Return stream requests and the position to hand back."""
         session, done = self._pilot.session, self._pilot.done
         assert session.peer is not None
         target, flies = session.peer.ids, self._pilot.settings.output_mode is OutputMode.FLY
         farewell = self._stream(now, done=done)
         for result in self._commands.take_results():
-            if result.command.number == dialect.MAV_CMD_DO_SET_ROI_LOCATION:
-                self._aims &= not result.refused
-                self._aimed_at = self._aimed_at if result.accepted else None  # no answer: aim again
-            elif result.refused and self._streams and result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
+            if result.refused and self._streams:
                 self._streams.denied(result)
-        if flies and (done or self._aims) and not self.only_hand_back:
-            self._aim(None if done else place)
         messages = farewell + self._commands.poll(target, now)
         if flies and self.handback is not None:
             messages += self._give_back(self.handback, place, target, now)
@@ -361,19 +340,6 @@ class Locator:
             return []
         ended, self._ended = self._ended, True
         return [] if ended else [once(request, session.peer.ids) for request in self._streams.give_back()]
-
-    def _aim(self, place: Place | None) -> None:
-        """Point the camera at the place, and again after the place has moved. place: None releases the camera."""
-        before = self._aimed_at
-        if place is None:
-            if self._aimed:
-                self._aimed = False
-                self._commands.drop(dialect.MAV_CMD_DO_SET_ROI_LOCATION)
-                self._commands.send(Command(dialect.MAV_CMD_DO_SET_ROI_NONE))
-        elif before is None or (place.time - before.time > 1.0 and place.distance(before) > max(2.0, place.sigma / 2)):
-            self._aimed, self._aimed_at = True, place
-            self._commands.drop(dialect.MAV_CMD_DO_SET_ROI_LOCATION)
-            self._commands.send(camera(place))
 
     def _give_back(self, back: HandBack, place: Place | None, target: tuple[int, int], now: float) -> list[Message]:
         """Return the command with a position for an autopilot that has lost its own, if a command is due."""

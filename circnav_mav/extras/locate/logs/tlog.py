@@ -15,8 +15,7 @@ from circnav_mav.runlog.run_folder import RunError
 from circnav_mav.runlog.tlog import read_messages
 
 OURS = "CN_TEAST"
-"""NAMED_VALUE_FLOAT that identifies the survey of circnav. The survey's RANGING_BEACON repeats ranges that are already
-in the log."""
+"""NAMED_VALUE_FLOAT that identifies the survey of circnav. Its values are not ranges."""
 NOT_VEHICLES = {
     dialect.MAV_TYPE_ANTENNA_TRACKER, dialect.MAV_TYPE_GCS, dialect.MAV_TYPE_ONBOARD_CONTROLLER,
     dialect.MAV_TYPE_GIMBAL, dialect.MAV_TYPE_ADSB, dialect.MAV_TYPE_CAMERA, dialect.MAV_TYPE_CHARGING_STATION,
@@ -91,7 +90,7 @@ def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[Range
     only = next(iter(logs.values()), RangeLog()) if len(logs) <= 1 else None
     unmatched = []
     for (system, component), sender in senders.items():
-        if OURS in sender.names or not sender.ranges or (system in tracks and system not in logs):
+        if not sender.ranges or (system in tracks and system not in logs):
             continue
         # A radio with its own system id belongs to the only vehicle. With several vehicles, the carrier is unknown.
         carrier = logs.get(system, only)
