@@ -70,10 +70,7 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
                     newest[tag] = one
                     slant, sigma = reading.slant * options.meters, (reading.sigma or nan) * options.meters
                     sender.ranges.setdefault(tag, []).append((time, slant, sigma))
-    logs = _by_vehicle(senders, options)
-    for log in logs:
-        log.epoch = None if began is None else began / 1e6
-    return logs
+    return _by_vehicle(senders, options)
 
 
 def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[RangeLog]:
@@ -99,7 +96,7 @@ def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[Range
         else:
             carrier.ranges |= sender.ranges
     everything = list(logs.values()) or [only or RangeLog()]
-    used = [log for log in everything if log.ranges or not options.ranges] or everything[:1]
+    used = [log for log in everything if log.ranges] or everything[:1]
     if len(used) == 1:
         used[0].vehicle = ""
     if unmatched:
