@@ -18,7 +18,7 @@ IMU_STATES = ("good", "frozen", "clipped", "rotated")
 STEERING_STATES = ("good", "straight", "frozen", "turning", "hovering", "reversed", "weak")
 ATTITUDE_ERROR_DEG = {"px4_copter": 1.0, "px4_plane": 1.0, "arduplane": 0.15}
 ACTIONS = (
-    *("mode", "arm", "disarm", "rc_failsafe", "gps_off", "gps_on", "gps_spoof", "battery", "wind"),
+    *("mode", "arm", "disarm", "rc_failsafe", "gps_off", "gps_on", "battery", "wind"),
     *("mute_ranging", "unmute_ranging", "freeze_ranging", "unfreeze_ranging", "mute_autopilot", "unmute_autopilot"),
     "reboot",
     *(f"imu_{state}" for state in IMU_STATES),

@@ -82,7 +82,6 @@ class Flight:
         self._gps_error = self._position_rng.gauss(0.0, size), self._position_rng.gauss(0.0, size)
         self._lost_drift = self._position_rng.gauss(0.0, drift), self._position_rng.gauss(0.0, drift)
         self.position_error = self._gps_error  # reported minus true, north and east, m
-        self.spoofed = 0.0  # speed at which the reported position moves north, m/s
 
     def run(self, until: int) -> None:
         """Fly to `until`. The autopilot acts whenever one of its timers is due."""
@@ -136,7 +135,7 @@ class Flight:
         kept = math.exp(-dt / sensors.gps_error_time_s)
         fresh = sensors.gps_error_m * math.sqrt(1 - kept * kept)
         north, east = (kept * error + self._position_rng.gauss(0.0, fresh) for error in self._gps_error)
-        self._gps_error = north + self.spoofed * dt, east
+        self._gps_error = north, east
         if self.autopilot.gps:
             self.position_error = self._gps_error
             return

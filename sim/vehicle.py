@@ -193,8 +193,6 @@ class Vehicle:
             flight.instruments.imu_state = action.removeprefix("imu_")
         elif action.startswith("steering_"):
             self._steering.state = action.removeprefix("steering_")
-        elif action == "gps_spoof":
-            flight.spoofed = event.value or 0.0
         elif action == "wind":
             flight.air.blow(event.value or 0.0)
         else:

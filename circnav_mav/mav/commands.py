@@ -59,14 +59,10 @@ RESULT_NAMES = {
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A MAV_CMD number with its parameters (unset ones are 0).
-
-    place: latitude and longitude in 1e-7 degrees, sent in a COMMAND_INT. Single precision would be off by meters.
-    """
+    """A MAV_CMD number with its parameters (unset ones are 0)."""
 
     number: int
     params: tuple[float, ...] = ()
-    place: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,9 +198,6 @@ class CommandSender:
 def once(command: Command, target: Ids, confirmation: int = 0) -> Message:
     """Return the message of a command without tracking its answer. confirmation: number of earlier tries."""
     params = command.params + (0.0,) * (7 - len(command.params))
-    if command.place is not None:
-        fields = dialect.MAV_FRAME_GLOBAL, command.number, 0, 0, *params[:4], *command.place, params[6]
-        return dialect.MAVLink_command_int_message(*target, *fields)
     return dialect.MAVLink_command_long_message(*target, command.number, confirmation, *params)
 
 

@@ -35,7 +35,7 @@ NOT_RUN = {
     r"circnav (preflight|fly) (?!quickstart).*--endpoint": "a vehicle; on ports: tests/flight/test_process.py",
     r"circnav ranging watch \w+:/dev/": "a radio on a serial line; test_commands.py has one",
     r"circnav campaign .*--scheduler": "a cluster; tests/extras/campaign/test_execution.py has a small one",
-    r"circnav locate (runs/|flight\.|ranges\.csv)": "an earlier flight; tests/extras/locate/test_logs.py",
+    r"circnav locate (runs/|flight\.)": "an earlier flight; tests/extras/locate/test_logs.py",
     r"circnav bench": "minutes to an hour; cells of it: tests/extras/bench/test_command.py",
 }
 SHORTER = {"fly": "--duration 3", "campaign": "--runs 2 --processes 1", "watch": "--seconds 1"}

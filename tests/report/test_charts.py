@@ -216,11 +216,11 @@ def test_the_columns_are_those_of_the_run_on_its_own_time(run_folder):
 
 def test_alarms_seen_in_flight_errors_of_the_vehicle_and_warnings_of_ours_are_marked_each_once():
     failsafe, hello = Event(7.0, "vehicle message", "EKF failsafe", severe=True), Event(8.0, "vehicle message", "hello")
-    seen = [Event(8.0, "alarm", "GPS WATCH: off by 31 m", True), Event(20.0, "alarm", "NOT RECORDING: full", True)]
+    seen = [Event(8.0, "alarm", "LEAN LIMIT: 31 deg", True), Event(20.0, "alarm", "NOT RECORDING: full", True)]
     said = [
-        Event(9.5, "circnav message", "GPS WATCH: GPS", True),
+        Event(9.5, "circnav message", "LEAN LIMIT: on", True),
         Event(40.0, "circnav message", "vehicle banks", True),
     ]
     found = [(7.0, "EKF failsafe"), (8.0, seen[0].text), (20.0, seen[1].text), (40.0, "vehicle banks")]
     assert alarms([failsafe, *seen, hello, *said]) == found
-    assert alarms([failsafe, hello, *said]) == [found[0], (9.5, "GPS WATCH: GPS"), found[3]], "of a killed flight"
+    assert alarms([failsafe, hello, *said]) == [found[0], (9.5, "LEAN LIMIT: on"), found[3]], "of a killed flight"

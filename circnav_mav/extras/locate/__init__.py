@@ -14,7 +14,6 @@ EXTENSION = Extension(
         "locate": "circnav_mav.extras.locate.settings:LocateTable",
         "handback": "circnav_mav.extras.locate.settings:HandBackTable",
     },
-    checks=["circnav_mav.extras.locate.settings:check_tables"],
     onlooker="circnav_mav.extras.locate.onlooker:open_onlooker",
     report_section="circnav_mav.extras.locate.report:report_section",
     survey_forecast="circnav_mav.extras.locate.forecast:survey_sigma",

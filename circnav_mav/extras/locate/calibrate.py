@@ -70,7 +70,7 @@ class CalibrationFit:
 
 
 def calibrate_radio(
-    path: str, *, tag: str | None, vehicle: int | None, positions: str | None, range_name: str | None,
+    path: str, *, tag: str | None, vehicle: int | None, range_name: str | None,
     sigma: float | None, gps_sigma: float, altitude: float | None, mission: str | None, out: str | None,
 ) -> int:  # fmt: skip
     """Print and plot the range error over the true range, and write the keys of [ranging]. Raises Refused."""
@@ -78,7 +78,7 @@ def calibrate_radio(
     with refusing(source):
         flown = mission_of(source)
         options = ReadOptions(name_of(range_name, flown), vehicle=vehicle)
-        log, tag = _radio(read(source, options, positions), tag, source)
+        log, tag = _radio(read(source, options), tag, source)
         plane = log.plane()
         track, (ranges, sigma_known) = log.track(plane), log.of(tag, sigma)
         up, up_sigma = _target_height(track, altitude, flown)

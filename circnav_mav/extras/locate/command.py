@@ -1,11 +1,8 @@
 """`circnav locate`: places of the targets in a log."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import timedelta, timezone
 from pathlib import Path
-from zoneinfo import ZoneInfo
 
 from rich.console import Console
 from rich.markup import escape
@@ -15,7 +12,7 @@ from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.extras.locate.estimator import Knowledge, NotLocated, locate_as_it_shows
 from circnav_mav.extras.locate.export import geojson, kml
 from circnav_mav.extras.locate.logs.interface import UNITS, ReadOptions, meters_in
-from circnav_mav.extras.locate.logs.table import read_logs, with_positions
+from circnav_mav.extras.locate.logs.table import read_logs
 from circnav_mav.extras.locate.map_picture import plot_map
 from circnav_mav.extras.locate.parameters import PARAMETERS
 from circnav_mav.extras.locate.place import NO_SCALE, NOT_OBSERVABLE, Place
@@ -32,14 +29,12 @@ MIXED, POOR = 0.25, 0.05
 """Share of outliers, and noise over range, above which the ranges probably mix two tags."""
 CLOCKS = 0.5
 """Standard deviation, s, of the offset between the clocks of positions and ranges: they are not synchronized."""
-OFFSET = re.compile(r"([-+])(\d{1,2}):?(\d{2})?")
-"""Time zone as an offset from UTC, hours and minutes."""
 
 
 def locate_log(
     path: str, *, out: str | None, tags: tuple[str, ...], sigma: float | None, gps_sigma: float, bias: float,
-    altitude: float | None, vehicle: int | None, positions: str | None, range_name: str | None,
-    range_columns: tuple[str, ...], units: str | None, timezone: str | None, params: str | None,
+    altitude: float | None, vehicle: int | None, range_name: str | None, range_columns: tuple[str, ...],
+    units: str | None, params: str | None,
 ) -> int:  # fmt: skip
     """Locate every tag of a log and write the map. Parameters: options of `circnav locate`. Raises Refused."""
     source = Path(path)
@@ -48,9 +43,9 @@ def locate_log(
         unit = None if units is None else meters_in(units)
         if units is not None and unit is None:
             raise Refused(f"--units {units}: is not a unit: {', '.join(UNITS)}, or the length of the unit in meters")
-        options = ReadOptions(name_of(range_name, flown), unit, range_columns, _zone(timezone), vehicle)
+        options = ReadOptions(name_of(range_name, flown), unit, range_columns, vehicle)
         with _busy(f"reading {printable(source.name)}"):
-            logs = read(source, options, positions)
+            logs = read(source, options)
         if flown is not None:
             sigma = flown.file.ranging.sigma_m if sigma is None else sigma
             altitude = flown.height.target_altitude if altitude is None else altitude
@@ -84,32 +79,13 @@ def locate_log(
     return Exit.DONE
 
 
-def read(source: Path, options: ReadOptions, positions: str | None) -> list[RangeLog]:
-    """Return the vehicles of the log, with the positions of another file if one is given. Raises Refused."""
+def read(source: Path, options: ReadOptions) -> list[RangeLog]:
+    """Return the vehicles of the log. Raises Refused."""
     try:
-        if positions is None:
-            return read_logs(source, options)
-        logs = read_logs(source, replace(options, positions=False, vehicle=None))
-        with refusing(positions):
-            carriers = read_logs(Path(positions), replace(options, ranges=False, range_columns=()))
-        return with_positions(logs, carriers, Path(positions))
+        return read_logs(source, options)
     except RunError as error:
         empty = isinstance(error, EmptyLogError)
         raise Refused(str(error), Exit.NOTHING_RECEIVED if empty else Exit.USAGE) from None
-
-
-def _zone(given: str | None) -> timezone | ZoneInfo | None:
-    """Return a time zone by its name or its offset. Raises Refused."""
-    if given is None:
-        return None
-    offset = OFFSET.fullmatch(given)
-    if offset and int(offset[2]) < 24:
-        ahead = timedelta(hours=int(offset[2]), minutes=int(offset[3] or 0))
-        return timezone(-ahead if offset[1] == "-" else ahead)
-    try:
-        return ZoneInfo(given)
-    except (ValueError, OSError, KeyError):
-        raise Refused(f"--timezone {given}: is not a time zone, such as +02:00 or Europe/Vienna") from None
 
 
 def mission_of(source: Path) -> Mission | None:

@@ -9,9 +9,6 @@ ERROR = Finite(0.001, 1000)
 VEHICLE = click.option(
     "--vehicle", type=click.IntRange(1, 255), metavar="ID", help="Only this vehicle of a tlog (system id)."
 )
-POSITIONS = click.option(
-    "--positions", type=click.Path(), metavar="FILE", help="File with the positions: GPX, .pos, NMEA, a log."
-)
 RANGE_NAME = click.option(
     "--range-name", metavar="NAME", help="NAMED_VALUE, debug key or MESSAGE.FIELD that is the range."
 )
@@ -26,13 +23,9 @@ OUT = click.option("--out", type=Folder(), metavar="DIR", help="Output folder. [
 @click.argument("path", type=click.Path(), metavar="RUN|LOG")
 @click.option("--tag", "tags", multiple=True, metavar="ID", help="Only this tag. May be repeated. [default: all]")
 @VEHICLE
-@POSITIONS
 @RANGE_NAME
 @click.option("--range-column", "range_columns", multiple=True, metavar="NAME", help="Column of a CSV with ranges.")
 @click.option("--units", metavar="UNIT", help="Unit of the ranges: m, cm, ft, nmi ... [default: the log's, or m]")
-@click.option(
-    "--timezone", metavar="ZONE", help="Time zone of times without one: +02:00, Europe/Vienna. [default: UTC]"
-)
 @SIGMA
 @GPS_SIGMA
 @click.option(
@@ -57,7 +50,7 @@ def locate() -> None:
     Examples:
         circnav locate runs/20260101-120000-quickstart
         circnav locate flight.tlog --range-name UWB_DIST
-        circnav locate ranges.csv --units ft --positions rover.pos
+        circnav locate collar.csv --units ft
     """
 
 
@@ -68,7 +61,6 @@ def locate() -> None:
 @click.argument("path", type=click.Path(), metavar="RUN|LOG")
 @click.option("--tag", metavar="ID", help="The radio, if the log has several.")
 @VEHICLE
-@POSITIONS
 @RANGE_NAME
 @SIGMA
 @GPS_SIGMA

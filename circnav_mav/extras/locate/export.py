@@ -1,12 +1,11 @@
-"""Export of the place: MAVLink messages, GeoJSON (RFC 7946), KML 2.2, Cursor on Target 2.0.
+"""Export of the place: MAVLink messages, GeoJSON (RFC 7946), KML 2.2.
 
-Map coordinates carry no height: GeoJSON and Cursor on Target count it from the ellipsoid, a vehicle from sea level.
+Map coordinates carry no height: GeoJSON counts it from the ellipsoid, a vehicle from sea level.
 """
 
 import json
 import re
 from collections.abc import Iterable
-from datetime import UTC, datetime, timedelta
 from math import cos, isfinite, nan, pi, radians, sin
 from typing import Any
 from xml.etree import ElementTree as Xml
@@ -18,17 +17,9 @@ from circnav_mav.extras.locate.place import Place
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.mav.clocks import our_boot_ms
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.commands import Command
 
-UNKNOWN_ACCURACY = 2**32 - 1
-"""MAVLink's value for an unknown accuracy (UINT32_MAX)."""
 NOT_IN_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that XML does not allow: control characters and surrogates."""
-
-
-def degrees_e7(place: Place) -> tuple[int, int]:
-    """Return latitude and longitude in degrees times 1e7."""
-    return round(place.latitude * 1e7), round(place.longitude * 1e7)
 
 
 def named_values(place: Place, now: float) -> list[Message]:
@@ -47,25 +38,11 @@ def named_values(place: Place, now: float) -> list[Message]:
 def orbit_status(place: Place, orbit: Orbit, now: float) -> Message:
     """Return ORBIT_EXECUTION_STATUS, from which QGroundControl draws the circle. Positive radius: clockwise. z: target
     altitude above sea level, m, or 0 if unknown."""
-    x, y = degrees_e7(place)
+    x = round(place.latitude * 1e7)
+    y = round(place.longitude * 1e7)
     radius = orbit.radius if orbit.direction is Direction.CLOCKWISE else -orbit.radius
     z = place.up if place.up_known else 0.0
     return dialect.MAVLink_orbit_execution_status_message(round(now * 1e6), radius, dialect.MAV_FRAME_GLOBAL, x, y, z)
-
-
-def own_beacon(place: Place, ident: int, slant: float, sigma: float, target: tuple[int, int], now: float) -> Message:
-    """Return RANGING_BEACON for PX4: the newest range with the id and place of its beacon. slant, sigma: m."""
-    x, y = degrees_e7(place)
-    altitude, vertical = (place.up, round(place.up_sigma * 1000)) if place.up_known else (nan, UNKNOWN_ACCURACY)
-    return dialect.MAVLink_ranging_beacon_message(
-        round(now * 1e6), *target, ident, round(slant * 1000), x, y, altitude, 0, round(place.sigma * 1000), vertical,
-        0, round(sigma * 1000), round(now * 10) % 256, 0,
-    )  # fmt: skip
-
-
-def camera(place: Place) -> Command:
-    """Return MAV_CMD_DO_SET_ROI_LOCATION for the place."""
-    return Command(dialect.MAV_CMD_DO_SET_ROI_LOCATION, (0.0,) * 6 + (place.up,), degrees_e7(place))
 
 
 def position_estimate(
@@ -79,10 +56,6 @@ def position_estimate(
     )  # fmt: skip
 
 
-UNKNOWN = "9999999.0"
-"""Cursor on Target's value for an unknown height or error."""
-COT_STALE = 30.0
-"""Age, s, after which a map removes a marker without updates; chosen."""
 CORNERS = 72
 """Corners of the drawn ellipse, one every 5 deg: chords deviate by at most 0.1 % of the radius."""
 
@@ -146,23 +119,3 @@ def kml(places: dict[str, Place]) -> str:
             Xml.SubElement(Xml.SubElement(boundary, "LinearRing"), "coordinates").text = corners
     Xml.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root, encoding="unicode") + "\n"
-
-
-def cursor_on_target(place: Place, name: str, epoch_us: int, now: float) -> bytes:
-    """Return a Cursor on Target event for an unknown object on the ground. ce (circular error) is one sigma, m."""
-    time = datetime.fromtimestamp(epoch_us / 1e6, UTC) + timedelta(seconds=now)
-    words: dict[str, Any] = {"version": "2.0", "uid": f"circnav.{name}", "type": "a-u-G", "how": "m-f"}
-    event = Xml.Element("event", words | {"time": _zulu(time), "start": _zulu(time)})
-    event.set("stale", _zulu(time + timedelta(seconds=COT_STALE)))
-    where = {"lat": f"{place.latitude:.8f}", "lon": f"{place.longitude:.8f}", "hae": UNKNOWN}
-    Xml.SubElement(event, "point", where | {"ce": f"{place.sigma:.1f}", "le": UNKNOWN})
-    detail = Xml.SubElement(event, "detail")
-    Xml.SubElement(detail, "contact", callsign=name)
-    if place.moves:
-        Xml.SubElement(detail, "track", course=f"{place.course:.1f}", speed=f"{place.speed:.2f}")
-    Xml.SubElement(detail, "remarks").text = place.words()
-    return b'<?xml version="1.0" encoding="UTF-8" standalone="yes"?>' + Xml.tostring(event)
-
-
-def _zulu(time: datetime) -> str:
-    return time.strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3] + "Z"

@@ -4,7 +4,7 @@ The survey sends as a separate MAVLink component, so the pilot's frames stay the
 message types in `SENT_TYPES`: none of them moves the vehicle.
 """
 
-from cmath import rect
+from cmath import phase, rect
 from collections import deque
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ from math import hypot, isfinite, pi
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.extras.locate.conditions import GPS_WATCH, RADIUS
+from circnav_mav.extras.locate.conditions import RADIUS
 from circnav_mav.extras.locate.estimator import Knowledge, NotLocated, Ranges, Track
-from circnav_mav.extras.locate.export import camera, named_values, orbit_status, own_beacon
+from circnav_mav.extras.locate.export import named_values, orbit_status
 from circnav_mav.extras.locate.handback import (
     FUSES,
     RECEIVERS,
@@ -27,11 +27,10 @@ from circnav_mav.extras.locate.handback import (
     Health,
 )
 from circnav_mav.extras.locate.place import Place, Plane
-from circnav_mav.extras.locate.watch import FaultSource, GpsWatch, Observation, angle_between
 from circnav_mav.guidance.types import OwnMotion, RangeSample, RelativeMotion
 from circnav_mav.mav.clocks import BOOT_WRAP, Order, StampFilter
 from circnav_mav.mav.codec import Decoder, Encoder, Message
-from circnav_mav.mav.commands import Command, CommandSender, StreamRequests, once
+from circnav_mav.mav.commands import CommandSender, StreamRequests, once
 from circnav_mav.mav.framing import frame_at
 from circnav_mav.mav.own_motion import ATTITUDE_MAX_AGE
 from circnav_mav.mav.signing import Signing
@@ -45,13 +44,9 @@ WANTED = frozenset({
 STREAMS = {dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0, dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 2.0}
 SECOND = dialect.MAVLINK_MSG_ID_GPS2_RAW
 """Report of a second GPS receiver, which not every vehicle has."""
-SENT_TYPES = frozenset({"NAMED_VALUE_FLOAT", "STATUSTEXT", "ORBIT_EXECUTION_STATUS", "RANGING_BEACON", "COMMAND_LONG",
-                  "COMMAND_INT"})  # fmt: skip
+SENT_TYPES = frozenset({"NAMED_VALUE_FLOAT", "STATUSTEXT", "ORBIT_EXECUTION_STATUS", "COMMAND_LONG", "COMMAND_INT"})
 """Message types that the survey may send. Commands are limited to COMMANDS."""
-COMMANDS = frozenset({
-    dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_DO_SET_ROI_LOCATION, dialect.MAV_CMD_DO_SET_ROI_NONE,
-    dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE,
-})  # fmt: skip
+COMMANDS = frozenset({dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE})
 MOST_AHEAD = 5.0
 """Largest time, s, by which a vehicle's timestamp may be ahead of the estimate of its clock."""
 WINDOW = 600.0
@@ -85,13 +80,10 @@ FRESH_RANGE = 2.0
 
 @dataclass(frozen=True, slots=True)
 class LocateSettings:
-    """component: own MAVLink component id. gps_sigma: standard deviation of a position, m. beacon: True to send
-    RANGING_BEACON with the estimated place. camera: True to point the camera at the place."""
+    """component: own MAVLink component id. gps_sigma: standard deviation of a position, m."""
 
     component: int
     gps_sigma: float = 1.5
-    beacon: bool = False
-    camera: bool = False
     handback: HandBackSettings | None = None
 
 
@@ -108,7 +100,6 @@ class Locator:
         self.place: Place | None = None
         self.why = "no position of the vehicle"
         """Human-readable reason why the place is unknown."""
-        self.watch = GpsWatch()
         self.handback = HandBack(settings.handback) if settings.handback else None
         self._health, self._reckoning = Health(), DeadReckoning()
         self.only_hand_back = False
@@ -125,14 +116,10 @@ class Locator:
         self._solved_to = float("-inf")
         self._announced_at = float("-inf")
         self._announced: Place | None = None
-        self._fault: FaultSource | None = None
-        self._aims, self._aimed = settings.camera, False
-        self._aimed_at: Place | None = None
         self._alone = self._ended = False
         self.called_off = False
         """True if no position may be handed back after guidance has ended."""
         self._now = 0.0
-        self.cot_due = False
         self.radius_alarm = ""
         """Human-readable error of the ranges on the circle, and the true radius. Empty if no error was found."""
 
@@ -197,8 +184,8 @@ class Locator:
             return
         time = self._clock.local(stamp, now)
         self._clock.take(stamp, now)
-        self._look(east, north, up, time, now)
-        if self.watch.trusts_positions and not (self._track and time <= self._track[-1][0]):
+        self._learn_compass(east, north, time, now)
+        if not (self._track and time <= self._track[-1][0]):
             self._track.append((time, east, north, up))
             while now - self._track[0][0] > WINDOW:
                 self._track.popleft()
@@ -206,44 +193,24 @@ class Locator:
     def _range(self, sample: RangeSample, now: float) -> None:
         if self._ranges and sample.time <= self._ranges[-1][0]:
             return
-        if self.watch.trusts_positions or self.watch.fault is None:
-            slant = hypot(sample.r, self._pilot.tracker.height.at(now) or 0.0)
-            self._ranges.append((sample.time, slant, max(sample.sigma * sample.r / max(slant, 1e-3), 0.02)))
+        slant = hypot(sample.r, self._pilot.tracker.height.at(now) or 0.0)
+        self._ranges.append((sample.time, slant, max(sample.sigma * sample.r / max(slant, 1e-3), 0.02)))
         while self._ranges and now - self._ranges[0][0] > WINDOW:
             self._ranges.popleft()
         if len(self._ranges) > MOST_KEPT:  # keep every second range
             self._ranges = deque(islice(self._ranges, 0, None, 2))
 
-    def _look(self, east: float, north: float, up: float, time: float, now: float) -> None:
-        """Compare a reported position with the newest range and bearing, if the range is less than 1 s old.
-
-        Pass the result to the GPS watch. If the watch finds the beacon faulty, discard the place.
-
-        east, north, up: m. time: of the position, s. now: s.
-        """
-        place, own, tracker = self.place, self._own(now), self._pilot.tracker
-        range_off = bearing_off = None
-        if place is not None and tracker.newest is not None and now - tracker.newest.time < 1.0:
-            there = place.at(time)
-            way = there.east - east, there.north - north
-            sigma = hypot(there.sigma, self._gps_sigma, tracker.newest.sigma)
-            height = tracker.height.at(now)
-            flat = hypot(*way) if height is not None else hypot(*way, there.up - up)
-            range_off = tracker.newest.r - flat - place.range_error(flat)[0], sigma
-            relative = self._relative(time)
-            if relative is not None and hypot(*way) > 10:
-                off = angle_between((-relative.x, -relative.y), way)
-                bearing_off = off, (relative.sigma + sigma) / hypot(*way) + 0.05
-        air = None if own is None else rect(own.airspeed, own.heading)
-        self.watch.see(Observation(now, east, north, air, range_off, bearing_off))
-        if bearing_off is not None and self.watch.trusts_positions:
-            self._reckoning.compass.learn(rect(1.0, bearing_off[0]), now)
-        if self.watch.fault is FaultSource.BEACON and self.place is not None:
-            # The beacon has moved, or another beacon answers. Discard the estimate and start again.
-            self.place = None
-            self._track.clear()
-            self._ranges.clear()
-            self.watch.forget_ranges()
+    def _learn_compass(self, east: float, north: float, time: float, now: float) -> None:
+        """Compare the bearings of the target by compass and by a reported position, if the newest range is less than
+        1 s old. east, north: m. time: of the position, s. now: s."""
+        place, newest, relative = self.place, self._pilot.tracker.newest, self._relative(time)
+        if place is None or relative is None or newest is None or now - newest.time >= 1.0:
+            return
+        there = place.at(time)
+        way = complex(there.east - east, there.north - north)
+        if abs(way) > 10:
+            off = phase(complex(-relative.x, -relative.y) / way)
+            self._reckoning.compass.learn(rect(1.0, off), now)
 
     def _relative(self, time: float) -> RelativeMotion | None:
         """Return the position relative to the target by ranges and compass, or None if it is not trusted."""
@@ -262,7 +229,7 @@ class Locator:
             return None
         newest = self._track[-1][0]
         self._solve_at = now + max(SOLVE_EVERY, SOLVE_SHARE * (newest - self._track[0][0]))
-        if not self.watch.trusts_positions or newest == self._solved_to:
+        if newest == self._solved_to:
             return None
         self._solved_to = newest
         track = Track(*np.array(self._track).T)
@@ -330,7 +297,7 @@ class Locator:
         place = None if self.place is None else self.place.at(now)
         whole = not self.only_hand_back
         if whole and place is not None and now >= self._messages_at:
-            self._messages_at, self.cot_due = now + MESSAGES_EVERY, True
+            self._messages_at = now + MESSAGES_EVERY
             messages += self._operator_messages(place, now, mode)
         if mode is not OutputMode.SHADOW:
             messages += self._requests(place, now)
@@ -341,30 +308,19 @@ class Locator:
 
     def _operator_messages(self, place: Place, now: float, mode: OutputMode) -> list[Message]:
         messages = named_values(place, now)
-        if mode is OutputMode.SHADOW or self._pilot.done:
-            return messages
-        messages.append(orbit_status(place, self._pilot.controller.orbit, now))
-        newest = self._pilot.tracker.newest
-        if self._settings.beacon and newest is not None:
-            slant = hypot(newest.r, self._pilot.tracker.height.at(now) or 0.0)
-            ident = self._pilot.settings.ranging.beacon_id or 0
-            messages.append(own_beacon(place, ident, slant, newest.sigma, self._pilot.session.vehicle_ids, now))
+        if mode is not OutputMode.SHADOW and not self._pilot.done:
+            messages.append(orbit_status(place, self._pilot.controller.orbit, now))
         return messages
 
     def _requests(self, place: Place | None, now: float) -> list[Message]:
-        """Return stream requests, camera commands and the position to hand back."""
+        """Return stream requests and the position to hand back."""
         session, done = self._pilot.session, self._pilot.done
         assert session.peer is not None
         target, flies = session.peer.ids, self._pilot.settings.output_mode is OutputMode.FLY
         farewell = self._stream(now, done=done)
         for result in self._commands.take_results():
-            if result.command.number == dialect.MAV_CMD_DO_SET_ROI_LOCATION:
-                self._aims &= not result.refused
-                self._aimed_at = self._aimed_at if result.accepted else None  # no answer: aim again
-            elif result.refused and self._streams and result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
+            if result.refused and self._streams:
                 self._streams.denied(result)
-        if flies and (done or self._aims) and not self.only_hand_back:
-            self._aim(None if done else place)
         messages = farewell + self._commands.poll(target, now)
         if flies and self.handback is not None:
             messages += self._give_back(self.handback, place, target, now)
@@ -384,19 +340,6 @@ class Locator:
             return []
         ended, self._ended = self._ended, True
         return [] if ended else [once(request, session.peer.ids) for request in self._streams.give_back()]
-
-    def _aim(self, place: Place | None) -> None:
-        """Point the camera at the place, and again after the place has moved. place: None releases the camera."""
-        before = self._aimed_at
-        if place is None:
-            if self._aimed:
-                self._aimed = False
-                self._commands.drop(dialect.MAV_CMD_DO_SET_ROI_LOCATION)
-                self._commands.send(Command(dialect.MAV_CMD_DO_SET_ROI_NONE))
-        elif before is None or (place.time - before.time > 1.0 and place.distance(before) > max(2.0, place.sigma / 2)):
-            self._aimed, self._aimed_at = True, place
-            self._commands.drop(dialect.MAV_CMD_DO_SET_ROI_LOCATION)
-            self._commands.send(camera(place))
 
     def _give_back(self, back: HandBack, place: Place | None, target: tuple[int, int], now: float) -> list[Message]:
         """Return the command with a position for an autopilot that has lost its own, if a command is due."""
@@ -419,13 +362,7 @@ class Locator:
         return own if own is not None and now - own.time <= ATTITUDE_MAX_AGE else None
 
     def _say(self, place: Place | None, now: float) -> None:
-        """Queue STATUSTEXT messages: the place when found or moved, and the start and end of a GPS watch alarm."""
-        fault = self.watch.fault
-        if fault is not self._fault:
-            self._fault = fault
-            text = GPS_WATCH.short.format(found=fault.value) if fault else GPS_WATCH.over
-            severity = GPS_WATCH.severity if fault else dialect.MAV_SEVERITY_NOTICE
-            self._announcer.say("watch", text, severity=severity)
+        """Queue STATUSTEXT messages: the place when found or moved."""
         if place is None or now - self._announced_at < TEXT_EVERY:
             return
         if self._announced is None or place.distance(self._announced) > max(place.sigma, 1.0) / 2:

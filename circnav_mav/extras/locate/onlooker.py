@@ -1,23 +1,19 @@
-"""Onlooker that runs the survey of the target and the hand-back, with its own process and socket."""
+"""Onlooker that runs the survey of the target and the hand-back, with its own process."""
 
-import socket
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import suppress
 from typing import Any
 
-from circnav_mav.cli.exits import Refused
-from circnav_mav.extras.locate.conditions import GPS_WATCH, HAND_BACK, RADIUS, SURVEY_STOPPED
+from circnav_mav.extras.locate.conditions import HAND_BACK, RADIUS, SURVEY_STOPPED
 from circnav_mav.extras.locate.estimator import NotLocated, locate
-from circnav_mav.extras.locate.export import cursor_on_target, geojson, kml
+from circnav_mav.extras.locate.export import geojson, kml
 from circnav_mav.extras.locate.locator import Locator
 from circnav_mav.extras.locate.place import Place
 from circnav_mav.extras.locate.report import verdict_lines
-from circnav_mav.extras.locate.settings import locate_settings, tables_of
+from circnav_mav.extras.locate.settings import locate_settings
 from circnav_mav.extras.locate.solver import start_solver
 from circnav_mav.pilot import TickRecord
 from circnav_mav.pilot.loop_step import LoopStep
-from circnav_mav.runtime.endpoint import explain
 from circnav_mav.runtime.onlookers import Onlooker, OnlookerSettings
 
 HAND_BACK_COLUMNS = "time,latitude_deg,longitude_deg,sigma_m,by,answer,reported_off_m"
@@ -29,17 +25,13 @@ class LocateOnlooker(Onlooker):
 
     name = "survey"
 
-    def __init__(self, locator: Locator, name: str, cot: tuple[str, int] | None = None, *, waits: bool) -> None:
-        """name: of the target in Cursor on Target. cot: address of the receiver; numeric, because a name would
-        be resolved in the loop. waits: True to wait for every estimate, so that simulated flights are reproducible."""
-        self.locator, self._target, self._cot, self._waits = locator, name, cot, waits
-        self._epoch_us = 0
+    def __init__(self, locator: Locator, *, waits: bool) -> None:
+        """waits: True to wait for every estimate, so that simulated flights are reproducible."""
+        self.locator = locator
+        self._waits = waits
         self._pool = start_solver()  # start it before the flight
         self._ended = False
         self._under_way: Future[Place | NotLocated] | None = None
-        self._socket = None if cot is None else socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        if self._socket is not None:
-            self._socket.setblocking(False)
 
     @property
     def busy(self) -> bool:  # type: ignore[override]
@@ -50,9 +42,6 @@ class LocateOnlooker(Onlooker):
     def problem(self) -> str | None:  # type: ignore[override]
         """One-line description of a failure, or None."""
         return self.locator.problem
-
-    def start(self, epoch_us: int) -> None:
-        self._epoch_us = epoch_us
 
     def on_step(self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None) -> Sequence[bytes]:
         """Process the frames of a step. Return the frames to send now; none if the pilot's frames were held back.
@@ -85,8 +74,6 @@ class LocateOnlooker(Onlooker):
     def alarms(self, now: float) -> Mapping[str, str]:
         locator = self.locator
         found = SURVEY_STOPPED.alarm(locator.problem) if locator.problem else {}
-        if locator.watch.alarm:
-            found |= GPS_WATCH.alarm(locator.watch.alarm)
         if locator.radius_alarm:
             found |= RADIUS.alarm(locator.radius_alarm)
         if locator.handback and locator.handback.words:
@@ -94,8 +81,8 @@ class LocateOnlooker(Onlooker):
         return found
 
     def finish(self, summary: dict[str, Any]) -> Mapping[str, str]:
-        """Add the place, the GPS watch and the hand-back to the summary. Return target.geojson and target.kml if there
-        is a place, handback.csv if positions were sent."""
+        """Add the place and the hand-back to the summary. Return target.geojson and target.kml if there is a place,
+        handback.csv if positions were sent."""
         locator, files = self.locator, dict[str, str]()
         place, handback = locator.place, locator.handback
         if place is not None:
@@ -110,7 +97,6 @@ class LocateOnlooker(Onlooker):
             files["handback.csv"] = "\n".join([HAND_BACK_COLUMNS, *rows]) + "\n"
         found = {
             "place": None if place is None else place.plain(),
-            "gps_watch": [{"time_s": round(time, 1), "text": text} for time, text in locator.watch.reported],
             "radius_alarm": locator.radius_alarm or None,
             "handback": None if handback is None else handback.plain(),
         }
@@ -121,8 +107,6 @@ class LocateOnlooker(Onlooker):
     def close(self) -> None:
         """End the process."""
         self._pool.shutdown(wait=False, cancel_futures=True)
-        if self._socket is not None:
-            self._socket.close()
 
     def _survey(self, now: float) -> None:
         if self._under_way is not None and (self._waits or self._under_way.done()):
@@ -130,28 +114,11 @@ class LocateOnlooker(Onlooker):
             self._under_way = None
         if self._under_way is None and (job := self.locator.job(now)) is not None:
             self._under_way = self._pool.submit(locate, *job)
-        self._send_cot(now)
-
-    def _send_cot(self, now: float) -> None:
-        place = self.locator.place
-        if self._socket is None or self._cot is None or place is None or not self.locator.cot_due:
-            return
-        self.locator.cot_due = False
-        with suppress(OSError):  # no receiver or no network
-            self._socket.sendto(cursor_on_target(place.at(now), self._target, self._epoch_us, now), self._cot)
 
 
 def open_onlooker(given: OnlookerSettings) -> LocateOnlooker | None:
-    """Return the survey onlooker, or None if the mission does not enable it. Raises Refused."""
-    mission, settings = given.mission, locate_settings(given.mission)
+    """Return the survey onlooker, or None if the mission does not enable it."""
+    settings = locate_settings(given.mission)
     if settings is None:
         return None
-    cot, given_cot = None, tables_of(mission)[0].cot
-    if given_cot is not None:
-        host, _, port = given_cot.rpartition(":")
-        try:  # resolve the name before the flight: a name server would delay setpoints
-            cot = socket.gethostbyname(host), int(port)
-        except (OSError, UnicodeError) as error:
-            raise Refused(f"locate.cot: {host}: {explain(error)}") from None
-    locator = Locator(settings, given.pilot, given.signing)
-    return LocateOnlooker(locator, f"{mission.file.name}.target", cot, waits=mission.flies_sim)
+    return LocateOnlooker(Locator(settings, given.pilot, given.signing), waits=given.mission.flies_sim)

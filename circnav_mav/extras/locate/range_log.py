@@ -25,15 +25,13 @@ class EmptyLogError(RunError):
 class RangeLog:
     """One vehicle of a log.
 
-    ranges: by tag. vehicle: its name in the log, empty if the log has only one. epoch: seconds from 1970 to the zero
-    of the log's times, None if the log does not carry UTC. notes: assumptions and removed values, one line each.
-    names: other values in the log that may be ranges, by the name that --range-name takes.
+    ranges: by tag. vehicle: its name in the log, empty if the log has only one. notes: assumptions and removed values,
+    one line each. names: other values in the log that may be ranges, by the name that --range-name takes.
     """
 
     positions: list[Position] = field(default_factory=list)
     ranges: dict[str, list[Range]] = field(default_factory=dict)
     vehicle: str = ""
-    epoch: float | None = None
     notes: list[str] = field(default_factory=list)
     names: set[str] = field(default_factory=set)
 

@@ -18,7 +18,6 @@ def verdict_lines(found: dict[str, Any]) -> list[str]:
         tall = "height not observable" if height is None else f"altitude {height:.1f} m"
         where = f"{place['latitude_deg']:.7f} {place['longitude_deg']:.7f} ±{place['sigma_m']:.1f} m"
         lines.append(f"  target     {where}{moves}, {tall}")
-    lines += [f"  WARNING    GPS watch, {one['time_s']:.0f} s: {one['text']}" for one in found["gps_watch"]]
     if found.get("radius_alarm"):
         lines.append(f"  WARNING    {found['radius_alarm']}: calibrate the radio with `circnav ranging calibrate RUN`")
     if back and back["sent"]:

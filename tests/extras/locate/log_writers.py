@@ -1,9 +1,6 @@
 """Writers of logs, independent of the readers: the formats by hand, from their specifications."""
 
 import struct
-from datetime import UTC, datetime, timedelta
-from functools import reduce
-from operator import xor
 from pathlib import Path
 
 from pymavlink.dialects.v20 import all as mavlink
@@ -79,49 +76,3 @@ def write_tlog(file: Path, records: list[tuple[float, int, int, object]], zero: 
             frame = message.pack(mavlink.MAVLink(None, srcSystem=system, srcComponent=component))  # type: ignore[attr-defined]
             log.write(round((zero + time) * 1e6).to_bytes(8, "big") + frame)
     return file
-
-
-def write_gpx(file: Path, rows, zero: datetime) -> Path:
-    """Write a GPX 1.1 track of (time, latitude, longitude, height)."""
-    points = "".join(
-        f'<trkpt lat="{latitude:.9f}" lon="{longitude:.9f}"><ele>{height:.3f}</ele>'
-        f"<time>{(zero + timedelta(seconds=time)).astimezone(UTC).strftime('%Y-%m-%dT%H:%M:%S.%fZ')}</time></trkpt>"
-        for time, latitude, longitude, height in rows
-    )
-    head = '<?xml version="1.0"?><gpx version="1.1" creator="test" xmlns="http://www.topografix.com/GPX/1/1">'
-    file.write_text(f"{head}<trk><trkseg>{points}</trkseg></trk></gpx>")
-    return file
-
-
-def write_rtklib(file: Path, rows, zero: datetime) -> Path:
-    """Write RTKLIB's solution in latitude, longitude, height, by GPS time."""
-    lines = [
-        "% program   : RTKLIB",
-        "%  GPST                  latitude(deg) longitude(deg)  height(m)   Q  ns   sdn(m)",
-    ]
-    for time, latitude, longitude, height in rows:
-        moment = (zero + timedelta(seconds=time + 18)).strftime("%Y/%m/%d %H:%M:%S.%f")[:-3]
-        lines.append(f"{moment}   {latitude:.9f}    {longitude:.9f}   {height:.4f}   1  12   0.0100")
-    file.write_text("\n".join(lines) + "\n")
-    return file
-
-
-def write_nmea(file: Path, rows, zero: datetime) -> Path:
-    """Write GGA and RMC sentences."""
-    lines = []
-    for time, latitude, longitude, height in rows:
-        moment = zero + timedelta(seconds=time)
-        clock, day = moment.strftime("%H%M%S.%f")[:-4], moment.strftime("%d%m%y")
-        place = f"{_minutes(latitude, 2)},{'NS'[int(latitude < 0)]},{_minutes(longitude, 3)},{'EW'[int(longitude < 0)]}"
-        lines += [
-            f"GNGGA,{clock},{place},4,12,0.8,{height:.3f},M,0.0,M,,",
-            f"GNRMC,{clock},A,{place},0.0,0.0,{day},,,R",
-        ]
-    sums = (f"${line}*{reduce(xor, line.encode()):02X}" for line in lines)
-    file.write_text("\r\n".join(sums) + "\r\n")
-    return file
-
-
-def _minutes(degrees: float, digits: int) -> str:
-    whole = int(abs(degrees))
-    return f"{whole:0{digits}d}{(abs(degrees) - whole) * 60:010.7f}"

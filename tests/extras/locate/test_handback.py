@@ -30,10 +30,10 @@ def own_error(flown):
 
 
 def test_an_autopilot_without_gps_is_kept_where_it_is_also_after_guidance_has_ended_and_no_byte_of_ours_changes():
-    """The autopilot drifts at 1 m/s in each axis. Without help it would be off by about 45 m after 45 s. Place, circle,
-    camera and position leave beside the pilot's output."""
+    """The autopilot drifts at 1 m/s in each axis. Without help it would be off by about 45 m after 45 s. Place, circle
+    and position leave beside the pilot's output."""
     errors: list[tuple[float, float]] = []
-    flown = surveyed("arduplane", *GPS_LOST, law="auto", beacon=True, camera=True, handback=HandBackSettings())
+    flown = surveyed("arduplane", *GPS_LOST, law="auto", handback=HandBackSettings())
     flown.solve_from, flown.solve_every = 40.0, 10.0
     flown.fly(END, lambda one: errors.append((one.now, own_error(one))))
     given = commands(flown)

@@ -17,14 +17,12 @@ from circnav_mav import cli
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.extras.locate import command, map_picture
 from circnav_mav.extras.locate.estimator import Ranges, Track
-from circnav_mav.extras.locate.export import own_beacon
-from circnav_mav.extras.locate.place import Place, Plane
+from circnav_mav.extras.locate.place import Plane
 from circnav_mav.extras.locate.range_log import RangeLog
 from tests.extras.locate.worlds import PLANE, circles
 from tests.small_mission import TEXT
 
 Row = Sequence[object]
-PLACE = Place(0.0, PLANE, 0.0, 0.0, 400.0, np.eye(2), up_sigma=0.5, up_known=True)
 PRECISE = ("--gps-sigma", "0.05", "--altitude", "400")
 
 
@@ -85,7 +83,6 @@ def as_run(folder, track, ranges, sigma=0.5, altitude=400.0):
     def say(ms, r):
         yield 1, mavlink.MAVLink_named_value_float_message(ms, b"UWB", r)
         yield 194, mavlink.MAVLink_named_value_float_message(ms, b"CN_TEAST", 30.0)
-        yield 194, own_beacon(PLACE, 0, r, 0.5, (3, 1), ms / 1000)
 
     text = TEXT.replace("[orbit]", f"[orbit]\ntarget_altitude_m = {altitude}").replace("_m = 0.5", f"_m = {sigma}")
     (folder / "mission.toml").write_text(text.replace('"distance_sensor"', '"named_value_float"\nname = "UWB"'))

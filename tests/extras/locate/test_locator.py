@@ -2,8 +2,7 @@
 
 from cmath import phase
 from concurrent.futures import Future
-from contextlib import closing
-from dataclasses import replace
+from math import pi
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,16 +14,12 @@ from circnav_mav.extras.locate.handback import HandBackSettings, PositionEstimat
 from circnav_mav.extras.locate.locator import AFTER, STREAMS, LocateSettings, Locator
 from circnav_mav.extras.locate.place import Place, Plane
 from circnav_mav.guidance.types import OwnMotion
-from circnav_mav.mav.ranging.interface import RangingSettings
-from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import VEHICLE
 from circnav_mav.pilot.loop_step import LoopStep
-from circnav_mav.runtime.onlookers import Onlookers, OnlookerSettings
+from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.status import StatusSource
-from tests.flight.lockstep import CONFIG
 from tests.rig import Rig, decode, scattering
 
-ROI, ROI_NONE = mavlink.MAV_CMD_DO_SET_ROI_LOCATION, mavlink.MAV_CMD_DO_SET_ROI_NONE
 HERE = Plane(47.3, 8.5)
 PLACE = Place(0.0, HERE, 30.0, 40.0, 584.0, np.eye(2), up_sigma=0.5, up_known=True)
 
@@ -51,42 +46,6 @@ class Beside:
         self.rig.run(seconds, also=step)
         return self
 
-    def of(self, command):
-        return [time for time, one in self.said if getattr(one, "command", None) == command]
-
-
-def test_the_camera_is_pointed_until_it_answers_and_let_go_at_the_end():
-    beside = Beside(camera=True).run(3.0)
-    beside.locator.found(PLACE)
-    beside.run(5.0)
-    assert len(beside.of(ROI)) == pytest.approx(10, abs=1), "not twice a second, without an answer"
-    beside.hear(mavlink.MAVLink_command_ack_message(ROI, 0, 0, 0, 1, 194))
-    beside.run(3.0)
-    aimed = len(beside.of(ROI))
-    beside.locator.found(replace(PLACE, time=10.0, east=60.0))
-    beside.run(0.2)
-    assert len(beside.of(ROI)) == aimed + 1 and beside.said[-1][1].z == 584.0
-    beside.rig.pilot.interrupt(beside.rig.now, "SIGINT")
-    beside.run(1.0)
-    assert beside.of(ROI_NONE) and len(beside.of(ROI)) == aimed + 1
-
-
-def test_a_vehicle_without_a_camera_is_asked_once():
-    beside = Beside(camera=True).run(3.0)
-    beside.locator.found(PLACE)
-    beside.run(0.2)
-    beside.hear(mavlink.MAVLink_command_ack_message(ROI, mavlink.MAV_RESULT_UNSUPPORTED, 0, 0, 1, 194))
-    beside.locator.found(replace(PLACE, time=10.0, east=60.0))
-    assert len(beside.run(3.0).of(ROI)) == 1
-
-
-def test_its_beacon_has_the_id_of_the_radio():
-    ranging = RangingSettings(message="distance_sensor", orientation=24, beacon_id=7)
-    beside = Beside(beacon=True, rig=Rig(ranging=ranging)).run(3.0)
-    beside.locator.found(PLACE)
-    beside.run(1.0)
-    assert {one.beacon_id for _, one in beside.said if one.get_type() == "RANGING_BEACON"} == {7}
-
 
 def test_every_range_of_a_datagram_counts():
     beside = Beside().run(3.0)
@@ -97,17 +56,18 @@ def test_every_range_of_a_datagram_counts():
     assert len(beside.locator._ranges) == before + 3
 
 
-def test_a_spoofed_position_teaches_no_compass_bias(monkeypatch):
+def test_compass_bias_is_learnt_while_a_range_is_fresh(monkeypatch):
     beside = Beside().run(3.0)
     beside.locator.found(PLACE)
     learnt = []
     monkeypatch.setattr(beside.locator._reckoning.compass, "learn", lambda off, now: learnt.append(phase(off)))
     relative = SimpleNamespace(x=0.0, y=150.0, sigma=1.0)
     monkeypatch.setattr(beside.locator, "_relative", lambda time: relative)
-    beside.locator._look(30.0, 190.0, 584.0, beside.rig.now, beside.rig.now)
-    assert learnt == [0.0]
-    beside.locator._look(900.0, 190.0, 584.0, beside.rig.now, beside.rig.now)
-    assert learnt == [0.0]
+    now = beside.rig.now
+    beside.locator._learn_compass(30.0, 190.0, now, now)
+    beside.locator._learn_compass(180.0, 40.0, now, now)
+    beside.locator._learn_compass(30.0, 190.0, now, now + 2.0)
+    assert learnt == pytest.approx([0.0, pi / 2])
 
 
 @pytest.fixture
@@ -121,14 +81,7 @@ def failing(monkeypatch):
     monkeypatch.setattr(beside.locator, "job", lambda now: ())
     monkeypatch.setattr(beside.locator, "_own", lambda now: OwnMotion(now, 0.0, 0.0, 15.0))
     beside.locator._reckoning.where = PositionEstimate(beside.rig.now, 0.0, 0.0, 3.0, 0j, 1.0, False)
-    return beside, onlooker.LocateOnlooker(beside.locator, "target", waits=True)
-
-
-def test_a_name_for_cursor_on_target_is_looked_up_before_the_flight():
-    mission = load_mission(CONFIG / "quickstart.toml", ("locate.enabled=true", "locate.cot=localhost:6969"))
-    settings = OnlookerSettings(mission, Rig().pilot, None, {}, Onlookers())
-    with closing(onlooker.open_onlooker(settings)) as locating:
-        assert locating._cot == ("127.0.0.1", 6969)
+    return beside, onlooker.LocateOnlooker(beside.locator, waits=True)
 
 
 def turns(beside, locating, seconds, *others):
@@ -168,7 +121,7 @@ def test_a_vehicle_with_two_receivers_is_given_nothing_while_the_second_has_a_fi
 @pytest.mark.parametrize("how", ["the position is back", "a signal"])
 def test_streams_are_given_back_when_the_hand_back_ends_that_outlasts_guidance(how):
     beside = Beside(Rig(exit="stop"), handback=HandBackSettings(place=(47.3, 8.5))).run(3.0)
-    locating = onlooker.LocateOnlooker(beside.locator, "target", waits=True)
+    locating = onlooker.LocateOnlooker(beside.locator, waits=True)
     turns(beside, locating, 3.0)
     beside.rig.pilot.interrupt(beside.rig.now, "SIGINT")
     turns(beside, locating, 1.0)

@@ -4,9 +4,8 @@ import os
 import pty
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from itertools import pairwise
 from math import nan
 from pathlib import Path
@@ -19,10 +18,9 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav import cli
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.extras.locate import export
-from circnav_mav.extras.locate.command import _zone
 from circnav_mav.extras.locate.estimator import Knowledge, Ranges, Track, locate
 from circnav_mav.extras.locate.logs.interface import ReadOptions
-from circnav_mav.extras.locate.logs.table import read_logs, with_positions
+from circnav_mav.extras.locate.logs.table import read_logs
 from circnav_mav.extras.locate.parameters import PARAMETERS
 from circnav_mav.extras.locate.place import Place, Plane
 from circnav_mav.extras.locate.range_log import EmptyLogError, RangeLog
@@ -249,24 +247,17 @@ def test_columns_are_picked_by_name_and_a_unit_given_outweighs_that_of_the_heade
     }
 
 
-def test_a_time_without_a_zone_is_noted_and_read_in_the_zone_that_is_given(tmp_path):
-    def read(time: str, zone=None) -> RangeLog:
-        (tmp_path / "log.csv").write_text(f"time,lat,lon,range\n{time},47.3,8.5,10\n{time},47.4,8.5,10\n")
-        return read_logs(tmp_path / "log.csv", ReadOptions(zone=zone))[0]
-
-    noon = NOON.timestamp()
-    for given in ("2026-07-01T12:00:00Z", "2026-07-01T14:00:00+02:00", "2026-07-01 12:00:00 UTC", str(noon)):
-        log = read(given)
-        assert (log.positions[0][0], log.epoch, log.notes) == (noon, 0.0, [])
-    log = read("2026-07-01 12:00:00")
-    assert log.positions[0][0] == noon and log.notes == [
-        "times carry no time zone and are read as UTC; --timezone selects another one"
-    ]
-    log = read("2026-07-01 14:00:00", _zone("Europe/Vienna"))
-    assert log.positions[0][0] == noon and log.notes == ["times carry no time zone and are read as Europe/Vienna"]
-    assert read(f"{noon * 1000:.0f}").notes == ["column 'time' is read as milliseconds since 1970"]
-    (tmp_path / "log.csv").write_text("Date;Time;range\n2026/07/01;12:00:00Z;10\n")
-    assert read_logs(tmp_path / "log.csv", ReadOptions(positions=False))[0].ranges["target"][0][0] == noon
+@pytest.mark.parametrize(
+    "given",
+    [
+        "2026-07-01T12:00:00Z", "2026-07-01T14:00:00+02:00", "2026-07-01 12:00:00 UTC", "2026-07-01 12:00:00",
+        str(NOON.timestamp()),
+    ],
+)  # fmt: skip
+def test_csv_times_are_seconds_or_iso_8601_in_utc_without_a_zone(tmp_path, given):
+    (tmp_path / "log.csv").write_text(f"time,lat,lon,range\n{given},47.3,8.5,10\n{given},47.4,8.5,10\n")
+    (log,) = read_logs(tmp_path / "log.csv")
+    assert (log.positions[0][0], log.notes) == (NOON.timestamp(), [])
 
 
 @pytest.mark.parametrize(
@@ -287,24 +278,14 @@ def test_what_a_table_leaves_open_is_not_guessed(tmp_path, text, says):
 @pytest.mark.parametrize(
     ("name", "head", "says"),
     [
-        ("a.kml", b"<?xml version='1.0'?><kml xmlns='x'>", "is KML, .* gpsbabel -t -i kml -f a.kml"),
-        ("a.zip", b"PK\x03\x04....", "is a zip archive, .* unpack"),
-        ("a.xlsx", b"PK\x03\x04....", "is a spreadsheet, .* CSV"),
-        ("a.bag", b"#ROSBAG V2.0\n", "is a ROS 1 bag, .* rostopic echo -b a.bag"),
-        ("a.db3", b"SQLite format 3\0", "ROS 2 bags"),
-        ("a.mcap", b"\x89MCAP0\r\n", "is an MCAP file"),
-        ("a.raw", b"\xfd\x09\0\0\0\x01\x01", "raw MAVLink stream, .* record a tlog"),
-        ("a.ubx", b"\xb5\x62\x01\x07", "u-blox .* RTKLIB"),
-        ("a.json", b'{"time": 1}', "is JSON"),
         ("a.BIN", b"\xa3\x95\x80\x00", "dataflash log"),
         ("a.ulg", b"ULog\x01\x12\x35", "ULog file"),
-        ("a.gpx", b"<gpx><trk", "cannot be read as GPX"),
-        ("a.pos", b"%  GPST   x-ecef(m)  y-ecef(m)\n", "Lat/Lon/Height, decimal degrees"),
         ("empty.csv", b"", "no column"),
-        ("a.csv", b"\x01\x02\x00\x03", "no ranges in it; in a MAVLink telemetry log"),
+        ("a.kml", b"<?xml version='1.0'?><kml xmlns='x'>", "no column"),
+        ("a.zip", b"PK\x03\x04\0\0\0", "is none of a PX4 log .*, a MAVLink telemetry log .*; convert it to a CSV"),
     ],
 )
-def test_what_cannot_be_read_is_named_with_its_format_and_a_way_out(tmp_path, name, head, says):
+def test_a_file_that_cannot_be_read_is_refused_in_one_line(tmp_path, name, head, says):
     (tmp_path / name).write_bytes(head)
     with pytest.raises(RunError, match=says) as refusal:
         read_logs(tmp_path / name)
@@ -316,30 +297,6 @@ def test_a_ulg_without_pyulog_names_the_package(tmp_path, monkeypatch):
     monkeypatch.setattr("circnav_mav.extras.locate.logs.ulog.find_spec", lambda name: None)
     with pytest.raises(RunError, match=r"pip install 'circnav-mav\[ulog\]'"):
         read_logs(tmp_path / "a.ulg")
-
-
-@pytest.mark.parametrize("writer", [write.write_gpx, write.write_rtklib, write.write_nmea])
-def test_positions_come_from_a_file_beside_the_ranges(tmp_path, writer: Callable):
-    """Over midnight, UTC. The ranges have times in a local zone."""
-    track, ranges, target = circles(gps=0.0)
-    zero = datetime(2026, 7, 1, 23, 59, 30, tzinfo=UTC)
-    positions = writer(tmp_path / "positions", rows(track), zero)
-    local = [(zero + timedelta(hours=2, seconds=float(t))).strftime("%Y-%m-%d %H:%M:%S.%f+02:00") for t in ranges.time]
-    lines = [f"{when},{r:.3f}" for when, r in zip(local, ranges.r, strict=True)]
-    (tmp_path / "ranges.csv").write_text("\n".join(["time,range_m", *lines]))
-    with pytest.raises(RunError, match="--positions FILE"):
-        read_logs(tmp_path / "ranges.csv")
-    with pytest.raises(EmptyLogError, match=r"no ranges in it; .* --positions"):
-        read_logs(positions)
-    logs = read_logs(tmp_path / "ranges.csv", ReadOptions(positions=False))
-    (log,) = with_positions(logs, read_logs(positions, ReadOptions(ranges=False)), positions)
-    place = placed(log, "target", gps_sigma=0.05)
-    assert off(place, PLANE.to_degrees(*target)) < 0.3 and abs(place.delay) < 0.2
-    (late,) = with_positions([replace(log, epoch=-7200.0, notes=[])], [log], positions)
-    assert "the ranges begin 2.00 h before the positions. If one file has local time, give --timezone" in late.notes[0]
-    apart = [replace(one, epoch=None) for one in logs]
-    with pytest.raises(RunError, match="the positions have UTC, the ranges another clock"):
-        with_positions(apart, read_logs(positions, ReadOptions(ranges=False)), positions)
 
 
 @pytest.mark.parametrize("unit", [unit for unit in FACTORS if unit != "m"])
@@ -458,12 +415,9 @@ def test_parameters_give_the_place_the_known_height_and_what_32_bits_lose():
 @pytest.mark.parametrize(
     ("option", "says"),
     [
-        (("--timezone", "Mars"), "--timezone Mars: is not a time zone"),
         (("--units", "furlong"), "--units furlong: is not a unit: m, cm, .* or the length of the unit in meters"),
         (("--units", "-1"), "--units -1: is not a unit"),
         (("--vehicle", "2"), r"--vehicle selects one of the vehicles of a tlog; this is a table"),
-        (("--positions", str(CASES / "01-two-vehicles.tlog")), "positions of 2 vehicles: give --vehicle"),
-        (("--positions", "nowhere.gpx"), "nowhere.gpx: no such file"),
     ],
 )
 def test_an_option_that_means_nothing_is_bad_usage(option, says):

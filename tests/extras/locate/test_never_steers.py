@@ -24,7 +24,7 @@ class SurveyedRig(Rig):
 
     def __init__(self, **changes):
         super().__init__(**changes)
-        settings = LocateSettings(194, beacon=True, camera=True, handback=HandBackSettings(place=(47.3, 8.5)))
+        settings = LocateSettings(194, handback=HandBackSettings(place=(47.3, 8.5)))
         self.locator = Locator(settings, self.pilot)
         self.survey: list[bytes] = []
 

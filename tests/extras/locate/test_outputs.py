@@ -1,5 +1,5 @@
 """Output of the survey, read by independent readers: the wire layout of MAVLink by hand, pymavlink, the package
-`geojson`, an XML parser, a TAK library."""
+`geojson`, an XML parser."""
 
 import struct
 from xml.etree import ElementTree as Xml
@@ -11,7 +11,7 @@ from circnav_sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.extras.locate import export
-from circnav_mav.extras.locate.export import orbit_status, own_beacon
+from circnav_mav.extras.locate.export import orbit_status
 from circnav_mav.extras.locate.place import Place, Plane
 from circnav_mav.guidance.types import Direction, Orbit
 from tests.rig import x25
@@ -54,14 +54,6 @@ def test_the_orbit_status_is_what_a_c_decoder_reads_from_the_wire(direction, sig
     assert (x / 1e7, y / 1e7) == HERE
 
 
-def test_ranging_beacon_carries_range_place_and_their_accuracy_in_millimetres():
-    packed = own_beacon(PLACE, 7, 107.7, 0.5, (1, 1), 12.0).pack(mavlink.MAVLink(None))
-    (message,) = mavlink.MAVLink(None).parse_buffer(packed)
-    assert (message.range, message.range_accuracy, message.hacc_est) == (107700, 500, 3000)
-    assert message.beacon_id == 7, "not that of the radio"
-    assert (message.lat / 1e7, message.lon / 1e7) == HERE
-
-
 def test_the_ellipse_has_its_long_axis_along_the_larger_error():
     """Covariance diag(9, 1) of east and north: 2.4477 times 3 and 1 m, the long axis due east."""
     ellipse = PLACE.ellipse
@@ -85,25 +77,3 @@ def test_kml_is_xml_with_longitude_first():
     names = {"k": "http://www.opengis.net/kml/2.2"}
     text = Xml.fromstring(export.kml({"a <b> \x1b\x00": PLACE})).findtext(".//k:Point/k:coordinates", "", names)
     assert tuple(float(part) for part in text.split(","))[::-1] == HERE
-
-
-def test_cursor_on_target_is_an_event_of_its_standard_with_one_sigma_and_the_motion():
-    """MITRE's Event.xsd. South-east at 1.41 m/s; 1 750 000 012 s is 15 June 2025, 15:06:52 UTC."""
-    event = Xml.fromstring(export.cursor_on_target(PLACE, 'tag "<1>', 1_750_000_000_000_000, 12.0))
-    begins, ends = "2025-06-15T15:06:52.000Z", "2025-06-15T15:07:22.000Z"
-    assert event.attrib == {"version": "2.0", "uid": 'circnav.tag "<1>', "type": "a-u-G", "how": "m-f",
-                            "time": begins, "start": begins, "stale": ends}  # fmt: skip
-    point, contact, track = (event.find(name).attrib for name in ("point", "detail/contact", "detail/track"))
-    assert (float(point.pop("lat")), float(point.pop("lon"))) == HERE
-    assert point == {"hae": "9999999.0", "ce": "3.0", "le": "9999999.0"}
-    assert (contact, track) == ({"callsign": 'tag "<1>'}, {"course": "135.0", "speed": "1.41"})
-
-
-def test_a_tak_library_reads_place_error_and_motion():
-    """takproto converts the XML to TAK's own protocol buffers, and rejects invalid events."""
-    takproto = pytest.importorskip("takproto")
-    data = export.cursor_on_target(PLACE, "tag 17", 1_750_000_000_000_000, 12.0)
-    event = takproto.parse_proto(takproto.xml2proto(data.decode())).cotEvent
-    assert (event.lat, event.lon) == HERE
-    assert (event.type, event.how, event.ce, event.detail.contact.callsign) == ("a-u-G", "m-f", 3.0, "tag 17")
-    assert (event.sendTime, event.staleTime - event.sendTime) == (1_750_000_012_000, 30_000)

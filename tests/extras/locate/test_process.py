@@ -19,7 +19,7 @@ from tests.process import PATIENCE, QUICKSTART, circnav
 def test_the_target_was_surveyed_beside_the_flight(tmp_path: Path) -> None:
     """The emulator's target is at its home by default."""
     run = tmp_path / "run"
-    survey = ("--set", "locate.enabled=true", "--set", "locate.beacon=true")
+    survey = ("--set", "locate.enabled=true")
     printed, errors = circnav("fly", QUICKSTART, "--duration", "72", "--out", run, *survey).communicate(
         timeout=PATIENCE
     )
@@ -29,10 +29,10 @@ def test_the_target_was_surveyed_beside_the_flight(tmp_path: Path) -> None:
         summary["place"]["latitude_deg"], summary["place"]["longitude_deg"]
     )
     assert hypot(*place) < 4 * summary["place"]["sigma_m"] and summary["place"]["sigma_m"] < 5
-    assert summary["gps_watch"] == [] and "  target  " in printed
+    assert "  target  " in printed
     assert {"target.geojson", "target.kml", "target.png"} <= {path.name for path in run.iterdir()}
     located = circnav("locate", run).communicate(timeout=PATIENCE)[0]
-    assert "sensor 0 of 1/192: " in located and "beacon" not in located, "what it said itself is another target"
+    assert "sensor 0 of 1/192: " in located
     log = mavutil.mavlink_connection(str(run / "flight.tlog"))
     circle = log.recv_match(type="ORBIT_EXECUTION_STATUS")
     assert circle.get_srcComponent() == 194 and circle.radius == 100.0

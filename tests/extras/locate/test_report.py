@@ -8,7 +8,7 @@ from circnav_mav.extras.locate.report import verdict_lines
 
 PLACE = {"latitude_deg": 47.5, "longitude_deg": 8.25, "sigma_m": 1.44, "altitude_m": None, "moves": False,
          "speed_mps": 2.0, "course_deg": 45.0, "time_s": 60.0}  # fmt: skip
-NOTHING = {"place": None, "gps_watch": [], "handback": None}
+NOTHING = {"place": None, "handback": None}
 
 
 @pytest.mark.parametrize(
@@ -16,7 +16,6 @@ NOTHING = {"place": None, "gps_watch": [], "handback": None}
     [
         ({"place": PLACE}, "  target     47.5000000 8.2500000 ±1.4 m, height not observable"),
         ({"place": PLACE | {"moves": True, "altitude_m": 7.0}}, ", moves 2.0 m/s towards 045 deg, altitude 7.0 m"),
-        ({"gps_watch": [{"time_s": 61.2, "text": "off"}]}, "  WARNING    GPS watch, 61 s: off"),
         ({"handback": {"sent": 3, "accepted": 2, "ended": "done"}}, "3 positions sent, 2 accepted; done"),
     ],
 )
@@ -48,7 +47,7 @@ def test_a_surveyed_place_is_a_map_in_the_page(circnav, run):
 @pytest.mark.usefixtures("no_pictures")
 @pytest.mark.parametrize(
     "changed",
-    [{"place": None}, {"handback": {"sent": 3}}, {"gps_watch": [{}]}],
+    [{"place": None}, {"handback": {"sent": 3}}],
     ids=str,
 )  # fmt: skip
 def test_a_summary_with_a_value_of_another_kind_is_told_without_a_map(circnav, run, changed):

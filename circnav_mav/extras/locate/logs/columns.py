@@ -4,12 +4,12 @@ import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import UTC, datetime
 from itertools import pairwise
 from math import inf, isfinite, nan
 from pathlib import Path
 
-from circnav_mav.extras.locate.logs.interface import FAR, METERS, Format, ReadOptions, utc_seconds
+from circnav_mav.extras.locate.logs.interface import FAR, METERS, Format, ReadOptions
 from circnav_mav.extras.locate.range_log import RangeLog
 from circnav_mav.foreign import printable, read_bytes
 from circnav_mav.runlog.run_folder import RunError
@@ -47,8 +47,6 @@ LEAST_SIGMA = 1e-3
 """Smallest standard deviation accepted, m: tables contain zero for an unknown one."""
 LATEST = 1e13
 """Latest time accepted, s."""
-UNIX = 1e8
-"""Smallest time, s, that counts as seconds since 1970 (it is in 1973)."""
 EPOCHS = ((1e17, 1e-9, "nanoseconds"), (1e14, 1e-6, "microseconds"), (1e11, 1e-3, "milliseconds"))
 """Units of times without a named unit: smallest value, factor, name. As seconds, such values are past the year 5000."""
 TOO_SLOW, ENOUGH = 8.0, 10
@@ -85,7 +83,7 @@ class Table:
 def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
     table = _table(_text(path), options)
     log = RangeLog(notes=table.notes)
-    times = _times(table, options, log)
+    times = _times(table, log)
     degrees = [_angle_factor(table, name, log) for name in ("latitude", "longitude")]
     meters = {name: table.columns[name].factor or 1.0 for name in ("altitude", "sigma") if name in table.columns}
     several, dropped = len(table.ranges) > 1, 0
@@ -95,7 +93,7 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
             cells.number(name) * factor for name, factor in zip(("latitude", "longitude"), degrees, strict=True)
         )
         altitude = cells.number("altitude") * meters.get("altitude", 1.0)
-        if options.positions and isfinite(latitude) and isfinite(longitude):
+        if isfinite(latitude) and isfinite(longitude):
             if abs(latitude) > 90 or abs(longitude) > 360:
                 raise RunError(f"line {line}: {latitude:g} {longitude:g} is not a position: in degrees?")
             log.positions.append((time, latitude, (longitude + 180) % 360 - 180, altitude))
@@ -155,7 +153,7 @@ def _table(text: str, options: ReadOptions) -> Table:
     raise RunError(
         f"no column {', '.join(missing)}. Its columns: {found}. The first line must name time (s or ISO 8601), "
         "latitude, longitude (degrees) and range (m, or with its unit: range_ft), and may name altitude, sigma, tag; "
-        "--range-column selects a range by name, --positions FILE reads the positions from another file"
+        "--range-column selects a range by name"
     )
 
 
@@ -201,9 +199,8 @@ def _compact(text: str) -> str:
 
 def _missing(table: Table, options: ReadOptions) -> list[str]:
     """Return the names of the required columns that are missing."""
-    needed = ["time"] + ["latitude", "longitude"] * options.positions
-    missing = [name for name in needed if name not in table.columns]
-    if options.ranges and not table.ranges:
+    missing = [name for name in ("time", "latitude", "longitude") if name not in table.columns]
+    if not table.ranges:
         missing.append(" or ".join(map(repr, options.range_columns)) or "range")
     return missing
 
@@ -268,8 +265,8 @@ def _angle_factor(table: Table, name: str, log: RangeLog) -> float:
     return 1.0
 
 
-def _times(table: Table, options: ReadOptions, log: RangeLog) -> list[float]:
-    """Return the time of every row, s, and set the log's epoch. Raises RunError."""
+def _times(table: Table, log: RangeLog) -> list[float]:
+    """Return the time of every row, s. Raises RunError."""
     column, date = table.columns["time"], table.columns.get("date")
     raw: list[float | str] = []
     for line, row in table.rows:
@@ -292,12 +289,10 @@ def _times(table: Table, options: ReadOptions, log: RangeLog) -> list[float]:
             factor = _small_unit(numbers, column, log)
     times = []
     for (line, _), value in zip(table.rows, raw, strict=True):
-        time = value * factor if isinstance(value, float) else _moment(value, line, options, log)
+        time = value * factor if isinstance(value, float) else _moment(value, line)
         if abs(time) > LATEST:
             raise RunError(f"line {line}: time: {time:g} is too large: s, degrees or m expected")
         times.append(time)
-    if times and min(map(abs, times)) > UNIX:
-        log.epoch = 0.0
     return times
 
 
@@ -315,19 +310,14 @@ def _small_unit(numbers: Sequence[float], column: Column, log: RangeLog) -> floa
     return factor
 
 
-def _moment(cell: str, line: int, options: ReadOptions, log: RangeLog) -> float:
-    """Return the seconds since 1970 of an ISO 8601 date and time. Raises RunError."""
+def _moment(cell: str, line: int) -> float:
+    """Return the seconds since 1970 of an ISO 8601 date and time, in UTC if it has no zone. Raises RunError."""
     try:
         # "2026-07-01 12:00:00 UTC", "2026/07/01 12:00"
         text = re.sub(r"\s*(UTC|GMT)$", "Z", cell)
         text = re.sub(r"^(\d{4})[/.](\d{2})[/.](\d{2})", r"\1-\2-\3", text)
         moment = datetime.fromisoformat(re.sub(r"(\.\d{6})\d+", r"\1", text))
-        if moment.tzinfo is None:
-            log.note(
-                f"times carry no time zone and are read as {options.zone}" if options.zone else
-                "times carry no time zone and are read as UTC; --timezone selects another one"
-            )  # fmt: skip
-        return utc_seconds(moment, options.zone)
+        return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
     except (ValueError, OverflowError):
         where = f"{printable(cell)[:40]!r} is not a time: write seconds, or a time such as 2026-07-01T12:00:00Z"
         raise RunError(f"line {line}: time: {where}") from None
@@ -338,5 +328,5 @@ TABLE = Format(
     matches=lambda head: True,
     read=_read,
     ranges="the column range, or the one of --range-column",
-    positions="the columns latitude and longitude, or --positions FILE",
+    positions="the columns latitude and longitude",
 )

@@ -21,10 +21,6 @@ GOOD = 4
 EKF_ORIGIN = 0
 """ORGN.Type of the estimator's origin (ArduPilot's LogOriginType)."""
 BEACONS = ("D0", "D1", "D2", "D3")
-GPS_EPOCH, LEAP_SECONDS = 315_964_800, 18
-"""GPS epoch, seconds since 1970, and seconds by which GPS time is ahead of UTC since 2017."""
-WEEK = 604_800
-"""Seconds of a GPS week."""
 NO_READINGS = ("FMT", "FMTU", "UNIT", "MULT", "PARM", "MSG")
 """Messages that describe the log or the autopilot. PARM has names and values that are not measured."""
 LIKE_RANGES = ("dist", "range", "rng", "slant")
@@ -63,8 +59,6 @@ def _collect(reader: DFReader, options: ReadOptions) -> RangeLog:
             case "GPS" if getattr(message, "U", 1) and not getattr(message, "I", 0):
                 fixed = message.Status >= FIX_3D
                 tracks[kind].append(((time, message.Lat, message.Lng, message.Alt), fixed))
-                if log.epoch is None and getattr(message, "GWk", 0) > 0:
-                    log.epoch = GPS_EPOCH + message.GWk * WEEK + message.GMS / 1000 - LEAP_SECONDS - time
             case "POS":
                 tracks[kind].append(((time, message.Lat, message.Lng, message.Alt), fixed))
             case "ORGN" if message.Type == EKF_ORIGIN:

@@ -1,11 +1,9 @@
 """Interface of the log readers."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, timezone
 from pathlib import Path
 from typing import NamedTuple
-from zoneinfo import ZoneInfo
 
 from circnav_mav.extras.locate.range_log import Position, RangeLog
 from circnav_mav.foreign import printable
@@ -39,17 +37,14 @@ class ReadOptions:
     """Options of the user for reading a log.
 
     range_name: NAMED_VALUE, debug key or MESSAGE.FIELD that is the range. unit: length of the ranges' unit, m, None for
-    the unit named in the log. range_columns: columns of a CSV with ranges. zone: time zone of times without one.
-    vehicle: system id of the only vehicle to read, None for all. positions, ranges: True if the file must have them.
+    the unit named in the log. range_columns: columns of a CSV with ranges. vehicle: system id of the only vehicle to
+    read, None for all.
     """
 
     range_name: str = RangingSettings().name
     unit: float | None = None
     range_columns: tuple[str, ...] = ()
-    zone: timezone | ZoneInfo | None = None
     vehicle: int | None = None
-    positions: bool = True
-    ranges: bool = True
 
     @property
     def meters(self) -> float:
@@ -68,11 +63,6 @@ class Format(NamedTuple):
     read: Callable[[Path, ReadOptions], list[RangeLog]]
     ranges: str
     positions: str
-
-
-def sentences(text: str) -> Iterator[tuple[int, str]]:
-    """Yield the nonempty lines with their numbers."""
-    return ((number, line.strip()) for number, line in enumerate(text.splitlines(), 1) if line.strip())
 
 
 def listed(names: Iterable[str]) -> str:
@@ -100,8 +90,3 @@ def with_fix(rows: Sequence[tuple[Position, bool | None]]) -> list[Position]:
     if all(fixed is None for _, fixed in rows):
         return [position for position, _ in rows]
     return [position for position, fixed in rows if fixed]
-
-
-def utc_seconds(moment: datetime, zone: timezone | ZoneInfo | None) -> float:
-    """Return the seconds since 1970. A moment without a time zone is in `zone`, or in UTC if zone is None."""
-    return (moment if moment.tzinfo else moment.replace(tzinfo=zone or UTC)).timestamp()

@@ -15,8 +15,7 @@ from circnav_mav.runlog.run_folder import RunError
 from circnav_mav.runlog.tlog import read_messages
 
 OURS = "CN_TEAST"
-"""NAMED_VALUE_FLOAT that identifies the survey of circnav. The survey's RANGING_BEACON repeats ranges that are already
-in the log."""
+"""NAMED_VALUE_FLOAT that identifies the survey of circnav. Its values are not ranges."""
 NOT_VEHICLES = {
     dialect.MAV_TYPE_ANTENNA_TRACKER, dialect.MAV_TYPE_GCS, dialect.MAV_TYPE_ONBOARD_CONTROLLER,
     dialect.MAV_TYPE_GIMBAL, dialect.MAV_TYPE_ADSB, dialect.MAV_TYPE_CAMERA, dialect.MAV_TYPE_CHARGING_STATION,
@@ -71,10 +70,7 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
                     newest[tag] = one
                     slant, sigma = reading.slant * options.meters, (reading.sigma or nan) * options.meters
                     sender.ranges.setdefault(tag, []).append((time, slant, sigma))
-    logs = _by_vehicle(senders, options)
-    for log in logs:
-        log.epoch = None if began is None else began / 1e6
-    return logs
+    return _by_vehicle(senders, options)
 
 
 def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[RangeLog]:
@@ -91,7 +87,7 @@ def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[Range
     only = next(iter(logs.values()), RangeLog()) if len(logs) <= 1 else None
     unmatched = []
     for (system, component), sender in senders.items():
-        if OURS in sender.names or not sender.ranges or (system in tracks and system not in logs):
+        if not sender.ranges or (system in tracks and system not in logs):
             continue
         # A radio with its own system id belongs to the only vehicle. With several vehicles, the carrier is unknown.
         carrier = logs.get(system, only)
@@ -100,7 +96,7 @@ def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[Range
         else:
             carrier.ranges |= sender.ranges
     everything = list(logs.values()) or [only or RangeLog()]
-    used = [log for log in everything if log.ranges or not options.ranges] or everything[:1]
+    used = [log for log in everything if log.ranges] or everything[:1]
     if len(used) == 1:
         used[0].vehicle = ""
     if unmatched:

@@ -35,7 +35,6 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
                 if topic.name == name and topic.multi_id == 0), None)  # fmt: skip
     fused = next((topic.data for topic in data if topic.name == "vehicle_global_position"), None)
     log.positions = _positions(fused, gps)
-    log.epoch = _epoch(gps)
     log.names = {name for topic in data if topic.name == "debug_key_value" for name in _keys(topic.data)}
     return [log]
 
@@ -72,14 +71,6 @@ def _positions(fused: dict[str, Array] | None, gps: dict[str, Array] | None) -> 
 def _floats(row: tuple[Any, ...]) -> Position:
     time, latitude, longitude, altitude = map(float, row)
     return time, latitude, longitude, altitude
-
-
-def _epoch(gps: dict[str, Array] | None) -> float | None:
-    """Return the time of boot, s since 1970, or None."""
-    if gps is None or "time_utc_usec" not in gps:
-        return None
-    known = np.flatnonzero(gps["time_utc_usec"] > 0)
-    return float(gps["time_utc_usec"][known[0]] / 1e6 - gps["timestamp"][known[0]] / 1e6) if len(known) else None
 
 
 def _ranges(log: RangeLog, topic: Any, options: ReadOptions) -> None:
