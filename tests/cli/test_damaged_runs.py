@@ -145,41 +145,9 @@ def test_zeros_in_a_log_are_told_with_their_place_and_what_is_behind_them_is_in_
     assert read_truth(run, EPOCH_US).time[-1] == newest
 
 
-@pytest.fixture
-def log(run):
-    """A tlog without the rest of a run folder."""
-    return (run / "flight.tlog").rename(run.parent / "yesterday.tlog")
-
-
-@pytest.mark.parametrize(
-    ("offset", "data"), [(8, b"\x00"), (0, b"\xff" * 8)], ids=["no frame begins", "a stamp of the far future"]
-)
-def test_a_plain_log_is_replayed_to_its_end_and_what_is_damaged_is_counted(circnav, log, offset, data):
-    whole = circnav("replay", log, "--mission", "quickstart").done
-    middle, behind = records(log)[len(records(log)) // 2 :][:2]
-    spoil(log, middle + offset, data)
-    out = circnav("replay", log, "--mission", "quickstart").done
-    lost = f"damaged at byte {middle} of {log.stat().st_size}, {behind - middle} bytes left out\n"
-    assert f"WARNING    yesterday.tlog: {lost}" in out
-    assert len({re.search(r": (\d+\.\d) s, ", each)[1] for each in (whole, out)}) == 1
-
-
-def test_a_plain_log_that_was_cut_is_replayed_up_to_there_and_one_of_which_every_stamp_is_wild_is_none(circnav, log):
-    middle = records(log)[len(records(log)) // 2]
-    log.write_bytes(log.read_bytes()[: middle + 10])
-    out = circnav("replay", log, "--mission", "quickstart").done
-    assert re.search(rf"cut off or damaged at byte {middle} of {middle + 10}: replayed up to \d\.\d s\n", out)
-    log.write_bytes(b"".join(b"\xff" * 8 + frame for _, frame in read_tlog(log)))
-    ran = circnav("replay", log, "--mission", "quickstart")
-    assert (ran.code, "no MAVLink frame in it" in ran.line) == (3, True)
-
-
-def test_frames_whose_check_fails_are_counted_in_a_run_and_in_a_plain_log(circnav, told, run):
+def test_frames_whose_check_fails_are_counted(told, run):
     spoil_check(run / "flight.tlog")
     assert "flight.tlog: 1 damaged frames left out\n" in told("replay").done
-    log = (run / "flight.tlog").rename(run.parent / "yesterday.tlog")
-    out = circnav("replay", log, "--mission", "quickstart").done
-    assert "WARNING    yesterday.tlog: 1 damaged frames left out\n" in out
 
 
 # --- names ---

@@ -28,7 +28,6 @@ EXTENSION = Extension(
     onlooker="circnav_mav.extras.sight.parts:open_onlooker",
     report_section="circnav_mav.extras.sight.parts:report_section",
     schemas={"sight": "circnav_mav.extras.sight.parts:SightTable"},
-    files=["sight.txt"],
 )
 """,
     "sight/parts": '''

@@ -81,7 +81,7 @@ def plain(run, data=b""):
         (lambda run: run, ["--law", "spiral"], 2, "guidance.law: 'spiral' is not one of"),
         (lambda run: run, ["--estimator", "guess"], 2, "guidance.estimator: 'guess' is not"),
         (lambda run: run, ["--law", "smooth", "--set", "guidance.gain=1e-9"], 2, "refused by its checks, see FAIL"),
-        (lambda run: run, ["--set", "vehicle.method=nogps"], 2, "refused by its checks, see FAIL"),
+        (lambda run: run, ["--set", "vehicle.speed_mps=90"], 2, "refused by its checks, see FAIL"),
         (lambda run: plain(run, b"not a log"), ["--mission", "quickstart"], 3, "no MAVLink frame in it"),
         (plain, ["--mission", "quickstart"], 3, "no MAVLink frame in it"),
         (plain, [], 2, "a plain tlog needs --mission"),

@@ -69,8 +69,8 @@ def test_it_keeps_silent_of(changes: dict[str, Any], words: str) -> None:
     assert words not in told(**changes)
 
 
-@pytest.mark.parametrize("voice", ["dry run", "shadow"])
-def test_a_flight_that_sent_nothing_says_so_and_is_given_no_marks(voice: str) -> None:
-    words = told(voice=voice, reason="dry run to its end", setpoints_sent=0)
-    assert f"  {voice.upper():<9}  no setpoint sent, would have steered for 60 s" == words.splitlines()[1]
+@pytest.mark.parametrize("output_mode", ["dry run", "shadow"])
+def test_a_flight_that_sent_nothing_says_so_and_is_given_no_marks(output_mode: str) -> None:
+    words = told(output_mode=output_mode, reason="dry run to its end", setpoints_sent=0)
+    assert f"  {output_mode.upper():<9}  no setpoint sent, would have steered for 60 s" == words.splitlines()[1]
     assert not any(mark in words for mark in ("settled", "RMS", "rotation"))

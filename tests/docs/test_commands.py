@@ -9,7 +9,6 @@ import sys
 import threading
 import tty
 from contextlib import suppress
-from pathlib import Path
 
 import pytest
 

@@ -7,8 +7,8 @@ from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.status import StatusSource
 from tests.flight.lockstep import flight, last_third, rms_error, unrest
 
-LEANS_LITTLE = ("sim.vehicle.max_lean_deg=20.0", "sim.vehicle.drag_per_s=0.35")
-"""10.2 m/s of airspeed, less the part that turns the path."""
+LEANS_LITTLE = ("sim.vehicle.max_lean_deg=20.0", "sim.vehicle.drag_per_s=0.175")
+"""9.5 m/s of airspeed along a body axis, less the part that turns the path."""
 
 
 def test_its_speed_is_lowered_to_what_the_lean_allows() -> None:
@@ -19,10 +19,10 @@ def test_its_speed_is_lowered_to_what_the_lean_allows() -> None:
     assert any(alarm.startswith("LEAN LIMIT: the copter leans 20 deg at most") for alarm in alarms)
     end = last_third(flown)
     speeds = [truth.ground_speed for truth in end]
-    assert 4.0 < flown.pilot.controller.speed < 4.9
-    assert max(speeds) - min(speeds) < 1.0
-    assert rms_error(end, 30.0) < 0.5
-    assert unrest(flown) < 3.0
+    assert 4.4 < flown.pilot.controller.speed < 4.9
+    assert max(speeds) - min(speeds) < 2.0
+    assert rms_error(end, 30.0) < 0.6
+    assert unrest(flown) < 5.0
 
 
 def test_px4_is_found_too_although_its_attitude_wanders() -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from circnav_mav.guidance.estimators.dead_reckoning import predict_one
 from circnav_mav.guidance.estimators.relative_ekf import (
-    ACCELERATION_BIAS_PSD,
+    ACCELERATION_BIAS_TIME,
     ACCELERATION_PSD,
     BIAS_TIME,
     GUST_TIME,
@@ -68,7 +68,7 @@ def process_noise(x):
         at = slice(first, first + 2)
         Q[at, at] = np.eye(2) * q
         Q[:2, at] = Q[at, :2] = np.eye(2) * q * DT / 2
-    Q[8, 8] = Q[9, 9] = ACCELERATION_BIAS_PSD * DT
+    Q[8, 8] = Q[9, 9] = NOISE.acceleration_bias**2 / ACCELERATION_BIAS_TIME * DT
     Q[4, 4], Q[5, 5] = KAPPA_PSD * DT, (1 - np.exp(-2 * DT / BIAS_TIME)) * (DRIFTING * SIGMA) ** 2
     c, s = np.cos(x[1]), np.sin(x[1])
     T = np.eye(STATES)
@@ -119,7 +119,7 @@ def test_a_range_rate_corrects_by_the_derivatives_of_its_equation():
     H = np.array([(h(x + 1e-6 * unit) - h(x - 1e-6 * unit)) / 2e-6 for unit in np.eye(STATES)])
     S, z = H @ P @ H + 0.3**2, h(x) + 0.4
     rates = Rates(np.array([z]), np.array([0.3]), np.array([True]), air[:, None])
-    after = update_rate(hypothesis(x, P), rates, 5.0)
+    after = update_rate(hypothesis(x, P), NOISE, rates, 5.0)
     assert after.x[:, 0, 0] == pytest.approx(x + P @ H / S * 0.4, abs=1e-6)
     assert after.P[:, :, 0, 0] == pytest.approx(P - np.outer(P @ H, H @ P) / S, abs=1e-7)
 

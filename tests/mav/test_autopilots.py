@@ -235,7 +235,8 @@ def test_bank_and_stick_stay_within_the_mission_s_limit(key: tuple[str, str]) ->
         w, x = struct.unpack_from("<2f", hard, 14)
         assert 2 * atan(abs(x) / w) <= 0.7 + 1e-6
     if hard[7] == 69:
-        assert abs(struct.unpack_from("<h", hard, 12)[0]) == round(1000 * 0.7 / FULL_STICK)
+        full = 1000 if key[1] == "copter stick" else round(1000 * 0.7 / FULL_STICK)
+        assert abs(struct.unpack_from("<h", hard, 12)[0]) == full
 
 
 @pytest.mark.parametrize("airspeed", [None, 0.1, 1.0, 4.99, 16.01, 150.0, nan])
@@ -308,10 +309,12 @@ def test_a_copters_report_of_velocity_and_acceleration_shows_its_turn_right_posi
     assert [turn_in(copter_report(course, 5.0, turn, ignored=bit)) for bit in (0x08, 0x40)] == [None, None]
 
 
-@pytest.mark.parametrize("key", sorted(set(AUTOPILOTS) - {("px4", "plane")}))
+@pytest.mark.parametrize("key", sorted(set(AUTOPILOTS) - {("px4", "plane"), ("px4", "copter stick")}))
 def test_the_turn_in_a_setpoint_is_the_one_commanded(key: tuple[str, str]) -> None:
     adapter = AUTOPILOTS[key](FACTS)
     for turn in (TURN, -TURN, 0.0):
         steer = Steer(yaw_rate_from_turn_rate(TurnRate(turn)), SPEED)
-        expected = atan(-turn * SPEED / 9.80665) if adapter.banks else -turn
-        assert turn_in(adapter.setpoint(steer, STATE, AT)) == pytest.approx(expected, abs=1e-6)
+        setpoint = adapter.setpoint(steer, STATE, AT)
+        kind = setpoint.get_msgId()
+        expected = atan(-turn * SPEED / 9.80665) if kind == 82 else -turn
+        assert turn_in(setpoint) == pytest.approx(expected, abs=1e-6)

@@ -131,23 +131,15 @@ def test_a_px4_copters_yaw_rate_is_two_thirds_there_after_half_a_second():
     assert lead(truths[-1]) == pytest.approx(9.0, abs=3.0)
 
 
-@pytest.mark.parametrize(("stick", "earliest", "latest"), [(False, 0.45, 0.58), (True, 0.58, 0.70)])
-def test_a_px4_plane_banks_two_thirds_after_half_a_second_and_later_by_stick(stick, earliest, latest):
-    """Flown: 63 % after 0.5 s by attitude, 0.6 to 0.7 s by stick, then exact."""
+def test_a_px4_plane_banks_two_thirds_after_two_thirds_of_a_second_by_stick():
+    """Flown: 63 % after 0.6 to 0.7 s, then exact."""
     companion = aboard("px4_plane")
-
-    def send(bank: float) -> None:
-        if stick:
-            companion.sticks(bank / 50.0)
-        else:
-            companion.attitude(7, math.radians(bank), thrust=0.63)
-
-    send(0.0)
-    assert companion.set_mode(2 if stick else 6) == [0, 0]
-    companion.repeat(3.0, lambda: send(0.0))
-    truths = flown(companion, lambda: send(30.0))
+    companion.sticks(0.0)
+    assert companion.set_mode(2) == [0, 0]
+    companion.repeat(3.0, lambda: companion.sticks(0.0))
+    truths = flown(companion, lambda: companion.sticks(30.0 / 50.0))
     roll = measured([truth.roll for truth in truths])
-    assert earliest <= roll.most <= latest and roll.peak < 1.02
+    assert 0.58 <= roll.most <= 0.70 and roll.peak < 1.02
     assert math.degrees(truths[-1].roll) == pytest.approx(30.0, abs=0.1)
 
 

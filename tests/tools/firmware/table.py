@@ -80,7 +80,7 @@ ROWS = (
     Row("Copter without GPS, target at 1 m/s", "copter_nogps --target-speed 1", 0.40, None),
     Row("Copter without GPS, UWB ranges", "copter_nogps --preset uwb", 0.30, None),
     Row("Copter without GPS, SX1280", f"copter_nogps --preset sx1280 {SX1280}", 2.00, None),
-    Row("Copter without GPS, drag of the mission 25 % too low", "copter_nogps --set vehicle.drag_per_s=0.29", 0.30, None),
+    Row("Copter without GPS, drag 25 % too low", "copter_nogps --set vehicle.drag_per_s=0.29", 0.30, None),
     Row("Rover R 20 V 3", "rover", 0.08, 2.0),
     Row("PX4 copter R 50 V 5, calm", "px4_copter", 0.40, 2.0),
     Row("PX4 copter, wind 3", "px4_copter --wind 3", 0.45, 2.0),
