@@ -11,13 +11,13 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.extras.locate.estimator import Knowledge, NotLocated, locate_as_it_shows
 from circnav_mav.extras.locate.export import geojson, kml
-from circnav_mav.extras.locate.logs.interface import UNITS, ReadOptions, meters_in
+from circnav_mav.extras.locate.logs.interface import METERS, ReadOptions, meters_in
 from circnav_mav.extras.locate.logs.table import read_logs
 from circnav_mav.extras.locate.map_picture import plot_map
 from circnav_mav.extras.locate.parameters import PARAMETERS
 from circnav_mav.extras.locate.place import NO_SCALE, NOT_OBSERVABLE, Place
 from circnav_mav.extras.locate.range_log import EmptyLogError, RangeLog, corrected, tracks
-from circnav_mav.extras.locate.units import better_unit, is_plausible
+from circnav_mav.extras.locate.units import is_plausible, likely_unit
 from circnav_mav.foreign import printable
 from circnav_mav.mav.ranging.calibration import Calibration
 from circnav_mav.mission.load import MissionError, load_mission
@@ -33,8 +33,8 @@ CLOCKS = 0.5
 
 def locate_log(
     path: str, *, out: str | None, tags: tuple[str, ...], sigma: float | None, gps_sigma: float, bias: float,
-    altitude: float | None, vehicle: int | None, range_name: str | None, range_columns: tuple[str, ...],
-    units: str | None, params: str | None,
+    altitude: float | None, vehicle: int | None, range_name: str | None, units: str | None,
+    params: str | None,
 ) -> int:  # fmt: skip
     """Locate every tag of a log and write the map. Parameters: options of `circnav locate`. Raises Refused."""
     source = Path(path)
@@ -42,8 +42,8 @@ def locate_log(
         flown = mission_of(source)
         unit = None if units is None else meters_in(units)
         if units is not None and unit is None:
-            raise Refused(f"--units {units}: is not a unit: {', '.join(UNITS)}, or the length of the unit in meters")
-        options = ReadOptions(name_of(range_name, flown), unit, range_columns, vehicle)
+            raise Refused(f"--units {units}: is not a unit: {', '.join(METERS)}, or the length of the unit in meters")
+        options = ReadOptions(name_of(range_name, flown), unit, vehicle)
         with _busy(f"reading {printable(source.name)}"):
             logs = read(source, options)
         if flown is not None:
@@ -133,13 +133,16 @@ def _one(
     with _busy(f"locating {tag}"):
         place = locate_as_it_shows(plane, track, ranges, known)
         found = place if isinstance(place, Place) else None
-        better = better_unit(plane, track, ranges, known, found) if search_unit else None
+        likely = likely_unit(plane, track, ranges, known, found) if search_unit else None
     if isinstance(place, NotLocated):
         say(f"  WARNING    not located: {place.why}")
     else:
         _say(place, known)
-    if better is not None:
-        say(f"  WARNING    {better}")
+    if likely is not None:
+        say(
+            f"  WARNING    the ranges are {1 / METERS[likely]:.3g} times as long as in m: probably in {likely}, give "
+            f"--units {likely}"
+        )
     return found
 
 

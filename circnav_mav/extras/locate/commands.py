@@ -24,7 +24,6 @@ OUT = click.option("--out", type=Folder(), metavar="DIR", help="Output folder. [
 @click.option("--tag", "tags", multiple=True, metavar="ID", help="Only this tag. May be repeated. [default: all]")
 @VEHICLE
 @RANGE_NAME
-@click.option("--range-column", "range_columns", multiple=True, metavar="NAME", help="Column of a CSV with ranges.")
 @click.option("--units", metavar="UNIT", help="Unit of the ranges: m, cm, ft, nmi ... [default: the log's, or m]")
 @SIGMA
 @GPS_SIGMA
@@ -42,9 +41,9 @@ OUT = click.option("--out", type=Folder(), metavar="DIR", help="Output folder. [
 def locate() -> None:
     """Locate the targets of a log. Writes GeoJSON, KML and a picture.
 
-    A log is a run folder, a tlog, an ArduPilot .BIN, a PX4 .ulg, or a CSV whose header names time (s or ISO 8601),
-    latitude, longitude, range, and optionally altitude, sigma, tag. Exit codes: 0 located, 2 bad usage, 3 no target
-    located.
+    A log is a run folder, a tlog, an ArduPilot .BIN, a PX4 .ulg, or a CSV with the header time, latitude, longitude,
+    range, and optionally altitude, sigma, tag; a unit is a suffix: range_ft. Exit codes: 0 located, 2 bad usage, 3 no
+    target located.
 
     \b
     Examples:

@@ -12,7 +12,6 @@ from xml.etree import ElementTree as Xml
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.extras.locate.antimeridian import cut_line, cut_ring
 from circnav_mav.extras.locate.place import Place
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.mav.clocks import our_boot_ms
@@ -75,23 +74,16 @@ def ring(place: Place) -> list[list[float]]:
 
 
 def geojson(places: dict[str, Place], *tracks: Iterable[tuple[float, float]]) -> str:
-    """Return a FeatureCollection: point and ellipse of each target, and the tracks of vehicles (latitude, longitude).
-
-    Shapes that cross 180 degrees of longitude are cut there.
-    """
+    """Return a FeatureCollection: point and ellipse of each target, and vehicle tracks (latitude, longitude)."""
     shapes: list[tuple[str, Any, dict[str, Any]]] = []
     for name, place in places.items():
         point = [round(place.longitude, 8), round(place.latitude, 8)]
         shapes.append(("Point", point, {"name": name, **place.plain()}))
-        areas = [[part] for part in cut_ring(ring(place))]
-        area = ("Polygon", areas[0]) if len(areas) == 1 else ("MultiPolygon", areas)
-        shapes.append((*area, {"name": f"{name}, 95 %"}))
+        shapes.append(("Polygon", [ring(place)], {"name": f"{name}, 95 %"}))
     for track in tracks:
         way = [[round(longitude, 7), round(latitude, 7)] for latitude, longitude in track]
         if len(way) > 1:
-            lines = cut_line(way)
-            line = ("LineString", lines[0]) if len(lines) == 1 else ("MultiLineString", lines)
-            shapes.append((*line, {"name": "vehicle"}))
+            shapes.append(("LineString", way, {"name": "vehicle"}))
     features = [
         {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": properties}
         for kind, coordinates, properties in shapes
@@ -112,10 +104,8 @@ def kml(places: dict[str, Place]) -> str:
         Xml.SubElement(point, "coordinates").text = f"{place.longitude:.8f},{place.latitude:.8f}"
         area = Xml.SubElement(document, "Placemark")
         Xml.SubElement(area, "name").text = f"{name}, 95 %"
-        shape = Xml.SubElement(area, "MultiGeometry")
-        for part in cut_ring(ring(place)):
-            boundary = Xml.SubElement(Xml.SubElement(shape, "Polygon"), "outerBoundaryIs")
-            corners = " ".join(f"{longitude:.8f},{latitude:.8f}" for longitude, latitude in part)
-            Xml.SubElement(Xml.SubElement(boundary, "LinearRing"), "coordinates").text = corners
+        boundary = Xml.SubElement(Xml.SubElement(area, "Polygon"), "outerBoundaryIs")
+        corners = " ".join(f"{longitude:.8f},{latitude:.8f}" for longitude, latitude in ring(place))
+        Xml.SubElement(Xml.SubElement(boundary, "LinearRing"), "coordinates").text = corners
     Xml.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root, encoding="unicode") + "\n"

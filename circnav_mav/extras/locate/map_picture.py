@@ -40,17 +40,15 @@ def plot_map(path: Path, table: str, title: str) -> None:
 
 
 def _draw(axis: Any, feature: dict[str, Any], plane: Plane) -> None:
-    geometry, name = feature["geometry"], literal(str(feature["properties"]["name"]))
-    kind, coordinates = geometry["type"], geometry["coordinates"]
-    # A shape that crosses 180 degrees is stored in parts; all are drawn under one name.
-    for number, part in enumerate(coordinates if kind.startswith("Multi") else [coordinates]):
-        longitude, latitude = np.reshape(np.array(part, float), (-1, 2)).T
-        east, north = plane.to_metres(latitude, longitude)
-        match kind.removeprefix("Multi"):
-            case "Point":
-                axis.plot(east, north, "+", color=TARGET, ms=10, mew=2, label=name)
-            case "Polygon":
-                axis.fill(east, north, color=TARGET, alpha=0.15, lw=0)
-                axis.plot(east, north, color=TARGET, lw=0.8)
-            case _:
-                axis.plot(east, north, color=TRACK, lw=0.8, label=name if number == 0 else None)
+    geometry = feature["geometry"]
+    name = literal(str(feature["properties"]["name"]))
+    longitude, latitude = np.reshape(np.array(geometry["coordinates"], float), (-1, 2)).T
+    east, north = plane.to_metres(latitude, longitude)
+    match geometry["type"]:
+        case "Point":
+            axis.plot(east, north, "+", color=TARGET, ms=10, mew=2, label=name)
+        case "Polygon":
+            axis.fill(east, north, color=TARGET, alpha=0.15, lw=0)
+            axis.plot(east, north, color=TARGET, lw=0.8)
+        case _:
+            axis.plot(east, north, color=TRACK, lw=0.8, label=name)

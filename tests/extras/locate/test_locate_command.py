@@ -4,7 +4,6 @@ import csv
 import json
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta
 from math import hypot, nan
 
 import click
@@ -23,6 +22,7 @@ from tests.extras.locate.worlds import PLANE, circles
 from tests.small_mission import TEXT
 
 Row = Sequence[object]
+HEADER = ("time", "latitude", "longitude", "altitude", "range", "tag")
 PRECISE = ("--gps-sigma", "0.05", "--altitude", "400")
 
 
@@ -41,13 +41,13 @@ def located(folder, track, *tags, names=("",), options=()):
     return places(folder / "log.locate.geojson")
 
 
-def as_csv(folder, track, *tags, names=("",), header=("time", "lat", "lon", "alt", "range", "tag"), when=float):
-    """Write a CSV of positions and ranges. when: text of a time."""
+def as_csv(folder, track, *tags, names=("",), header=HEADER):
+    """Write a CSV of positions and ranges."""
     latitude, longitude = PLANE.to_degrees(track.east, track.north)
     told = zip(track.time, latitude, longitude, track.up, strict=True)
-    rows: list[Row] = [(when(time), *place, "", "") for time, *place in told]
+    rows: list[Row] = [(time, *place, "", "") for time, *place in told]
     for name, tag in zip(names, tags, strict=True):
-        rows += [(when(time), "", "", "", r, name) for time, r in zip(tag.time, tag.r, strict=True)]
+        rows += [(time, "", "", "", r, name) for time, r in zip(tag.time, tag.r, strict=True)]
     with (folder / "log.csv").open("w", newline="") as file:
         csv.writer(file).writerows([header, *rows])
     return folder / "log.csv"
@@ -88,17 +88,6 @@ def as_run(folder, track, ranges, sigma=0.5, altitude=400.0):
     (folder / "mission.toml").write_text(text.replace('"distance_sensor"', '"named_value_float"\nname = "UWB"'))
     as_tlog(folder / "flight.tlog", track, ranges, say)
     return folder
-
-
-def as_movebank(folder, track, ranges):
-    """Write a CSV with the names and times of a wildlife group."""
-    names = ("timestamp", "location-lat", "location-long", "height-above-msl", "range", "tag-local-identifier")
-    began = datetime(2026, 7, 1, 12, tzinfo=UTC)
-
-    def when(time):
-        return (began + timedelta(seconds=time)).strftime("%Y-%m-%d %H:%M:%S.%f")
-
-    return as_csv(folder, track, ranges, header=names, when=when)
 
 
 def drawn(folder, monkeypatch):
@@ -147,11 +136,10 @@ AS_TOLD = ("--altitude", "400")
     ("write", "named", "tag", "options"),
     [
         (as_csv, "log.locate", "target", AS_TOLD),
-        (as_movebank, "log.locate", "target", AS_TOLD),
         (lambda folder, *world: as_tlog(folder / "log.tlog", *world), "log.locate", "sensor 5 of 3/1", AS_TOLD),
         (as_run, "locate", "UWB of 3/1", ()),
     ],
-    ids=["CSV", "Movebank's CSV", "tlog", "run folder"],
+    ids=["CSV", "tlog", "run folder"],
 )
 def test_it_agrees_with_an_independent_smoother_whatever_the_log(tmp_path, write, named, tag, options, capsys):
     track, ranges, target = circles(gps=0.0, laps=2)
@@ -243,7 +231,7 @@ def test_ranges_that_fit_an_impossible_height_only_get_a_warning(tmp_path, capsy
 @pytest.mark.parametrize("said", ["0", "-1", "nan", "", "1e-200"])
 def test_a_standard_deviation_that_is_none_counts_as_not_said(tmp_path, said):
     track, ranges, target = circles()
-    file = as_csv(tmp_path, track, ranges, header=("time", "lat", "lon", "alt", "range", "tag", "sigma"))
+    file = as_csv(tmp_path, track, ranges, header=(*HEADER, "sigma"))
     file.write_text(file.read_text().replace("\n", f",{said}\n").replace(f"sigma,{said}", "sigma") + "40,,,,inf,,\n")
     assert run(file) == Exit.DONE
     assert off(places(tmp_path / "log.locate.geojson")["target"], target) < 6
@@ -272,18 +260,27 @@ def test_a_ranging_antenna_off_the_gps_antenna_reads_as_delay_and_bias_and_leave
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("time,lat,lon\n1,2,3\n", "no column range"),
-        ("time,lat,lon,range\n1,2,3,\n2,2,3,\n", "no ranges in it"),
-        ("time,lat,lon,range\n1,,,5\n2,,,6\n", "no positions in it"),
-        ("time,lat,lon,range\n1,95,3,5\n", "line 2: 95 3 is not a position"),
+        ("time,lat,lon\n1,2,3\n", "no column latitude, longitude, range: the first line must name"),
+        ("time;latitude;longitude;range\n1;2;3;4\n", "no column time, latitude, longitude, range"),
+        ("time,latitude,longitude,range_furlong\n", "no column range: .* a unit is a suffix: range_ft, time_ms"),
+        ("time,latitude,longitude,range_m,range_ft\n", "two columns range: keep one"),
+        ("time,latitude,longitude,range\n,2,3,5\n", "line 2: time: is missing"),
+        ("time,latitude,longitude,range\n01/07/2026 12:00,2,3,5\n", "line 2: time: '01/07/2026 12:00' is not a time"),
+        ("time,latitude,longitude,range\n1782907200000,2,3,5\n", "line 2: time: 1.78291e.12 is not a time in s"),
+        ("time,latitude,longitude,range\n1,2,3,\n2,2,3,\n", "no ranges in it"),
+        ("time,latitude,longitude,range\n1,,,5\n2,,,6\n", "no positions in it"),
+        ("time,latitude,longitude,range\n1,95,3,5\n", "line 2: 95 3 is not a position"),
         (
-            "time,lat,lon,range\nnoon,2,3,5\n",
+            "time,latitude,longitude,range\nnoon,2,3,5\n",
             "line 2: time: 'noon' is not a time: write seconds, or a time such as 2026",
         ),
-        ("time,lat,lon,range\n1,2,3,far\n", "line 2: range: 'far' is not a number"),
-        ("time,lat,lon,range\n1,2,3,1e160\n", "line 2: range: 1e.160 is too large: s, degrees or m expected"),
-        ("time,lat,lon,range\n1e300,2,3,5\n", "line 2: time: 1e.300 is too large"),
-        ("time,lat,lon,range\n1,2,3,5\n2,2,3,5\n", "no target was located"),
+        ("time,latitude,longitude,range\n1,2,3,far\n", "line 2: range: 'far' is not a number"),
+        ("time,latitude,longitude,range\n1,2,3,1e160\n", "line 2: range: 1e.160 is too large: degrees or m expected"),
+        (
+            "time,latitude,longitude,range\n1e300,2,3,5\n",
+            "line 2: time: 1e.300 is not a time in s: name its unit, time_ms or time_us",
+        ),
+        ("time,latitude,longitude,range\n1,2,3,5\n2,2,3,5\n", "no target was located"),
     ],
 )
 def test_bad_input_is_one_line_that_names_file_and_remedy(tmp_path, text, says):
@@ -295,7 +292,7 @@ def test_bad_input_is_one_line_that_names_file_and_remedy(tmp_path, text, says):
 
 def test_a_log_that_is_not_there_is_bad_usage_whatever_its_name(tmp_path):
     for name, exit in (("nothing in it.csv", Exit.USAGE), ("empty.csv", Exit.NOTHING_RECEIVED)):
-        (tmp_path / "empty.csv").write_text("time,lat,lon,range\n")
+        (tmp_path / "empty.csv").write_text("time,latitude,longitude,range\n")
         with pytest.raises(Refused) as refusal:
             run(tmp_path / name)
         assert refusal.value.exit == exit

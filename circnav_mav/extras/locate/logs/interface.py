@@ -10,20 +10,17 @@ from circnav_mav.foreign import printable
 from circnav_mav.mav.ranging.interface import RangingSettings
 
 METERS = {
-    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0),
-    **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetre", "centimetres"), 0.01),
-    **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), 0.001),
-    **dict.fromkeys(("dm", "decimeter", "decimeters"), 0.1),
-    **dict.fromkeys(("km", "kilometer", "kilometers", "kilometre", "kilometres"), 1000.0),
-    **dict.fromkeys(("ft", "feet", "foot"), 0.3048),
-    **dict.fromkeys(("yd", "yard", "yards"), 0.9144),
-    **dict.fromkeys(("mi", "mile", "miles"), 1609.344),
-    **dict.fromkeys(("nmi", "nm", "nauticalmiles"), 1852.0),
+    "m": 1.0,
+    "cm": 0.01,
+    "mm": 0.001,
+    "dm": 0.1,
+    "km": 1000.0,
+    "ft": 0.3048,
+    "yd": 0.9144,
+    "mi": 1609.344,
+    "nmi": 1852.0,
 }
-"""Meters per unit of length, by the names in headers and --units. "nm" is the nautical mile: radios do not measure
-nanometers."""
-UNITS = ("m", "cm", "mm", "dm", "km", "ft", "yd", "mi", "nmi")
-"""Short names, as listed by --units."""
+"""Meters per unit of length, by the suffixes of columns and the names that --units takes."""
 FAR = 1e9
 """Largest range or altitude accepted, m."""
 MOST_NAMES = 20
@@ -36,14 +33,13 @@ FIX_3D = 3
 class ReadOptions:
     """Options of the user for reading a log.
 
-    range_name: NAMED_VALUE, debug key or MESSAGE.FIELD that is the range. unit: length of the ranges' unit, m, None for
-    the unit named in the log. range_columns: columns of a CSV with ranges. vehicle: system id of the only vehicle to
-    read, None for all.
+    range_name: NAMED_VALUE, debug key or MESSAGE.FIELD that is the range.
+    unit: length of the ranges' unit, m, None for the unit named in the log.
+    vehicle: system id of the only vehicle to read, None for all.
     """
 
     range_name: str = RangingSettings().name
     unit: float | None = None
-    range_columns: tuple[str, ...] = ()
     vehicle: int | None = None
 
     @property

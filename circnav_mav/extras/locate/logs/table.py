@@ -14,7 +14,7 @@ from circnav_mav.foreign import open_file, printable
 from circnav_mav.runlog.run_folder import RunError
 
 FORMATS = (ULOG, DATAFLASH, TLOG)
-"""Formats with an identifying header. Other text is read as a table."""
+"""Formats with an identifying header. Other text is read as a CSV."""
 HEAD = 4096
 """Number of bytes used to recognize a format."""
 
@@ -31,8 +31,6 @@ def read_logs(path: Path, options: ReadOptions | None = None) -> list[RangeLog]:
         known = recognize(head)
         if options.vehicle is not None and known is not TLOG:
             raise RunError(f"--vehicle selects one of the vehicles of a tlog; this is {known.name}")
-        if options.range_columns and known is not TABLE:
-            raise RunError(f"--range-column selects a column of a table; this is {known.name}")
         logs = known.read(file, options)
         for log in logs:
             screen(log)
@@ -49,8 +47,7 @@ def recognize(head: bytes) -> Format:
     for known in FORMATS:
         if known.matches(head):
             return known
-    utf16 = head.startswith((b"\xff\xfe", b"\xfe\xff"))
-    if b"\0" in head and not utf16:
+    if b"\0" in head:
         raise RunError(f"is none of {', '.join(known.name for known in FORMATS)}; convert it to a CSV")
     return TABLE
 
