@@ -17,7 +17,7 @@ from typing import Any
 from circnav_mav.cli.exits import Refused
 from circnav_mav.cli.replay import replay_log
 from circnav_mav.extras.campaign.figures import summarize
-from circnav_mav.extras.campaign.fly import fly_chunk
+from circnav_mav.extras.campaign.fly import fly_run
 from circnav_mav.extras.campaign.plan import CampaignError, load_campaign
 from circnav_mav.extras.campaign.store import TABLE, Store
 from circnav_mav.runlog.events import events
@@ -67,10 +67,10 @@ def good_campaign(folder: Path) -> bytes:
     """Return the table of a short campaign, to damage. The folder gets its files."""
     mission = CONFIG / "campaign_mission.toml"
     text = CAMPAIGN.read_text(encoding="utf-8").replace('"../campaign_mission.toml"', f'"{mission}"')
-    (folder / "good.toml").write_text(text.replace("runs = 750", "runs = 4"), encoding="utf-8")
+    (folder / "good.toml").write_text(text.replace("runs = 750", "runs = 2"), encoding="utf-8")
     campaign = load_campaign(folder / "good.toml")
     store = Store(folder / "out", campaign)
-    store.add(fly_chunk(campaign, range(4)))
+    store.add(fly_run(campaign, number) for number in range(2))
     store.close()
     return (folder / "out" / TABLE).read_bytes()
 
