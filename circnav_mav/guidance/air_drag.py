@@ -21,9 +21,11 @@ from circnav_mav.guidance.types import OwnMotion
 
 EQUAL_DRAG_SPEED = 8.0
 """v_2, m/s."""
-FORWARD_TIME, LEFT_TIME = 0.5, 1.0
-"""Time constants of the low-pass on the speed along each axis, s. Below them, gusts and vibration
-dominate. The speed to the left changes the heading of the path, and so the turn command."""
+FORWARD_TIME = 0.5
+"""Time constant of the low-pass on the speed along the nose, s. Below it, gusts and vibration dominate."""
+LEFT_TIME = 1.0
+"""Time constant of the low-pass on the speed to the left, s. It is longer, because this speed changes the heading of
+the path, and so the turn command."""
 LONGEST_STEP = 0.5
 """Gap between two reports, s, after which the filters restart."""
 MAX_SLIP = 0.6
@@ -85,7 +87,7 @@ class AirVelocity(NamedTuple):
 
 
 HIGH_PASS = 5.0
-"""Time constant of the high-pass in `ScaleFit`, s. The wind passes it not at all, a turn or an acceleration does."""
+"""Time constant of the high-pass in `ScaleFit`, s. It removes a steady wind, and keeps turns and accelerations."""
 FIT_MEMORY = 120.0
 """Time constant of the least squares, s."""
 PRIOR_WEIGHT = 20.0
@@ -103,8 +105,13 @@ class ScaleFit(NamedTuple):
 
         change of measured air velocity = change of velocity / scale
 
-    Velocities are complex: east + j north. time: of the report, s. high_passed: the two high-pass states.
-    sums: of velocity squared and of the product, with exponential forgetting.
+    Velocities are complex: east + j north.
+
+    time: of the newest report, s.
+    since: beginning of the integral of the acceleration, s.
+    last: newest integrated acceleration, and newest measured air velocity at a scale of 1, m/s.
+    high_passed: the same two after the high-pass, m/s.
+    sums: of the squared change of velocity, and of its product with the measured one, with exponential forgetting.
     """
 
     time: float = float("-inf")
@@ -144,8 +151,10 @@ class ScaleFit(NamedTuple):
 
 WIND_TIME = 20.0
 """Time constant of the mean of the wind, s: half a lap."""
-WIND_SIGMA, UNKNOWN_WIND = 0.4, 4.0
-"""Standard deviation of a learned wind, and of the wind before it is learned, m/s."""
+WIND_SIGMA = 0.4
+"""Standard deviation of each component of a learned wind, m/s."""
+UNKNOWN_WIND = 4.0
+"""Standard deviation of each component of the wind before it is learned, m/s."""
 
 
 class MeanWind(NamedTuple):
@@ -185,8 +194,10 @@ class MeanWind(NamedTuple):
 TRIM_RATE = 0.15
 """Rate of the forward integral of `AirspeedHold`, 1/s: slower than the drag (0.25 to 0.5/s), so that it does not
 swing."""
-SLIP_GAIN, SLIP_RATE = 0.4, 0.15
-"""Push against a side-slip: per speed to the left, 1/s, and per its integral, 1/s^2."""
+SLIP_GAIN = 0.4
+"""Push against a side-slip per speed to the left, 1/s."""
+SLIP_RATE = 0.15
+"""Push against a side-slip per integral of the speed to the left, 1/s^2."""
 MAX_TRIM = 1.5
 """Bound of each integral, m/s^2: 9 degrees of error of the attitude estimate."""
 SCALE_TIME = 10.0
@@ -209,7 +220,7 @@ class AirspeedHold:
         self.reset()
 
     def reset(self, scale: float = 1.0) -> None:
-        """Start again, with a known airspeed scale."""
+        """Set the integrals to 0, and the airspeed scale to a known value."""
         self.scale = scale
         """True over measured airspeed, followed slowly."""
         self._forward_trim = 0.0

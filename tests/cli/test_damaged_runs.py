@@ -145,7 +145,7 @@ def test_zeros_in_a_log_are_told_with_their_place_and_what_is_behind_them_is_in_
     assert read_truth(run, EPOCH_US).time[-1] == newest
 
 
-def test_frames_whose_check_fails_are_counted(told, run):
+def test_replay_counts_damaged_frames_when_a_checksum_is_wrong(told, run):
     spoil_check(run / "flight.tlog")
     assert "flight.tlog: 1 damaged frames left out\n" in told("replay").done
 

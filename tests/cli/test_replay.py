@@ -130,7 +130,7 @@ def steering(out):
     ("message", "says"),
     [("ranging_beacon", "0 ranges of ranging_beacon accepted"), ("named_value_float", "0 ranges of named_value_float")],
 )
-def test_log_without_the_ranging_of_the_mission_says_what_is_missing(replay, records, message, says):
+def test_replay_names_the_ranging_message_when_the_log_has_none_of_it(replay, records, message, says):
     ran = replay(records, f"ranging.message={message}")
     assert (ran.code, says in ran.line) == (3, True)
 

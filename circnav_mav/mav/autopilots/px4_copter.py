@@ -138,7 +138,8 @@ class PX4CopterStick(PX4Vehicle):
     exits = MappingProxyType({"land": PX4Vehicle.exits["land"]})
     default_exit = "land"
     shapes = frozenset({("MANUAL_CONTROL", None)})
-    airspeed_from_drag = tilts_by_stick = True
+    airspeed_from_drag = True
+    tilts_by_stick = True
     parameters = (
         rule(
             "COM_RC_IN_MODE", one_of({0: _NO_STICKS, 1: _OUR_STICKS, 4: _NO_STICKS}, _OTHER_STICKS), advised=always(1)

@@ -50,11 +50,11 @@ class Situation:
 
 TWO_CIRCLES = ("vehicle.max_turn_rate_deg_s=35",)
 SITUATIONS = (
-    Situation("one lap, .5 m"),
+    Situation("one lap, 0.5 m"),
     Situation("one lap, LoRa", ('sim.ranging.preset="lora"', "ranging.sigma_m=3")),
     Situation("one lap, 10 % outliers", ("sim.ranging.outlier_fraction=0.1",)),
-    Situation("two circles, .5 m", TWO_CIRCLES, second=60.0),
-    Situation("two circles, RTK (.02 m)", (*TWO_CIRCLES, "sim.sensors.gps_error_m=0.02"), gps=0.02, second=60.0),
+    Situation("two circles, 0.5 m", TWO_CIRCLES, second=60.0),
+    Situation("two circles, RTK (0.02 m)", (*TWO_CIRCLES, "sim.sensors.gps_error_m=0.02"), gps=0.02, second=60.0),
     Situation("target at 3 m/s, two laps", ("sim.target.velocity_east_mps=3",), laps=2.0, speed=3.0),
 )
 

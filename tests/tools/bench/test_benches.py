@@ -87,7 +87,7 @@ def test_the_surveys_results_are_a_row_and_a_process_has_its_time():
     place = bench_locate.Result(error=2.0, gps=1.5, sigma=1.0, nees=1.0, bound=(0.1, 5.0), up=None, speed=0.2)
     said = bench_locate.row(bench_locate.SITUATIONS[0], [place, None])
     assert said.startswith(
-        "| one lap, .5 m | 1 of 2 | 2.00 | 2.00 | 0.50 | 0.10, up 5.00 | 1.00 | 100 % (100 % below its top) | 0 | "
+        "| one lap, 0.5 m | 1 of 2 | 2.00 | 2.00 | 0.50 | 0.10, up 5.00 | 1.00 | 100 % (100 % below its top) | 0 | "
         "1, 0.20"
     )
     assert bench_start.processor_time(["-c", "pass"]) > 0

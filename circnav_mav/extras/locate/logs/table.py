@@ -1,4 +1,4 @@
-"""Reads a log of any known format."""
+"""Reads the positions and ranges in a log of any supported format."""
 
 from collections.abc import Sequence
 from pathlib import Path
