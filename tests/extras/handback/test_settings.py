@@ -1,11 +1,15 @@
 """The mission table of the hand-back: its keys, its check, and the settings."""
 
+from contextlib import ExitStack
+
 import pytest
 
+from circnav_mav.cli.connect import open_onlookers
 from circnav_mav.extras.handback.settings import handback_settings
 from circnav_mav.mav.check_result import FAIL
 from circnav_mav.mission.checks import check_mission
 from circnav_mav.mission.load import MissionError, parse_mission
+from circnav_mav.pilot import Pilot
 from tests.small_mission import TEXT
 
 ON = ("handback.enabled=true", "locate.enabled=true")
@@ -32,3 +36,11 @@ def test_the_hand_back_needs_the_survey():
 def test_the_hand_back_sends_as_a_companion_of_its_own(ours, component):
     assert handback_settings(mission(*ON, f"link.component_id={ours}")).component == component
     assert handback_settings(mission()) is None
+
+
+def test_the_hand_back_is_opened_after_the_survey():
+    flown = mission(*ON)
+    with ExitStack() as open_things:
+        opened = open_onlookers(flown, Pilot(flown.pilot_settings()), None, {"web": None}, open_things)
+        names = [one.name for one in opened.attached if one.name in ("survey", "hand-back")]
+        assert names == ["survey", "hand-back"]
