@@ -19,8 +19,9 @@ from tests.flight.lockstep import Flight, flight
 from tests.rig import LOITER, MISSION, Rig
 
 MODULES = [conditions]
-with suppress(ModuleNotFoundError):  # the core flies without its extras
-    MODULES.append(import_module("circnav_mav.extras.locate.conditions"))
+for extra in ("locate", "handback"):
+    with suppress(ModuleNotFoundError):  # the core flies without its extras
+        MODULES.append(import_module(f"circnav_mav.extras.{extra}.conditions"))
 RAISED = [row for module in MODULES for row in vars(module).values() if isinstance(row, Condition)]
 ROWS = list({row.name: row for row in (*TABLE, *RAISED)}.values())
 TROUBLESHOOTING = (Path(__file__).parents[2] / "docs" / "troubleshooting.md").read_text()

@@ -1,4 +1,4 @@
-"""Localization of the target, live and from logs, and hand-back of a position to an autopilot that has lost its own.
+"""Localization of the target, live and from logs.
 
 The package does not steer: the core cannot import it.
 """
@@ -12,7 +12,6 @@ EXTENSION = Extension(
     },
     tables={
         "locate": "circnav_mav.extras.locate.settings:LocateTable",
-        "handback": "circnav_mav.extras.locate.settings:HandBackTable",
     },
     onlooker="circnav_mav.extras.locate.onlooker:open_onlooker",
     report_section="circnav_mav.extras.locate.report:report_section",

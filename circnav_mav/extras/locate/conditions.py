@@ -2,8 +2,6 @@
 
 from circnav_mav.pilot.conditions import Condition
 
-HAND_BACK = Condition("hand_back", long="HAND-BACK: {found}")
-SURVEY_STOPPED = Condition("survey_stopped", long="SURVEY: {found}")
 RADIUS = Condition(
     "radius",
     short="{found}",

@@ -6,7 +6,7 @@ Map coordinates carry no height: GeoJSON counts it from the ellipsoid, a vehicle
 import json
 import re
 from collections.abc import Iterable
-from math import cos, isfinite, nan, pi, radians, sin
+from math import cos, isfinite, pi, radians, sin
 from typing import Any
 from xml.etree import ElementTree as Xml
 
@@ -42,17 +42,6 @@ def orbit_status(place: Place, orbit: Orbit, now: float) -> Message:
     radius = orbit.radius if orbit.direction is Direction.CLOCKWISE else -orbit.radius
     z = place.up if place.up_known else 0.0
     return dialect.MAVLink_orbit_execution_status_message(round(now * 1e6), radius, dialect.MAV_FRAME_GLOBAL, x, y, z)
-
-
-def position_estimate(
-    latitude: float, longitude: float, sigma: float, target: tuple[int, int], now: float, age: float
-) -> Message:
-    """Return MAV_CMD_EXTERNAL_POSITION_ESTIMATE. param1: time of sending, s; param2: age of the estimate, s; param3:
-    standard deviation, m. ArduPilot requires z = NaN and the frame GLOBAL."""
-    return dialect.MAVLink_command_int_message(
-        *target, dialect.MAV_FRAME_GLOBAL, dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE, 0, 0,
-        now % 10_000.0, age, sigma, 0.0, round(latitude * 1e7), round(longitude * 1e7), nan,
-    )  # fmt: skip
 
 
 CORNERS = 72

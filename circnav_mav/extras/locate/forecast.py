@@ -7,7 +7,7 @@ import numpy as np
 from circnav_mav.extras.locate.estimator import Knowledge, Ranges, Track, locate
 from circnav_mav.extras.locate.locator import HEIGHT_SIGMA
 from circnav_mav.extras.locate.place import Place, Plane
-from circnav_mav.extras.locate.settings import tables_of
+from circnav_mav.extras.locate.settings import table_of
 from circnav_mav.mission.mission import Mission
 
 POSITION_PERIOD = 0.25
@@ -33,6 +33,6 @@ def survey_sigma(mission: Mission, seconds: float) -> float | None:
     track = Track(positions, *at(positions), np.full(positions.size, height or 0.0))
     slant = np.full(times.size, float(np.hypot(orbit.radius, height or 0.0)))
     ranges = Ranges(times, slant, np.full(times.size, ranging.sigma_m))
-    known = Knowledge(up=0.0, up_sigma=HEIGHT_SIGMA, gps_sigma=tables_of(mission)[0].gps_sigma_m)
+    known = Knowledge(up=0.0, up_sigma=HEIGHT_SIGMA, gps_sigma=table_of(mission).gps_sigma_m)
     place = locate(Plane(0.0, 0.0), track, ranges, known)
     return place.sigma if isinstance(place, Place) else None

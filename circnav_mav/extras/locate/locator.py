@@ -4,9 +4,8 @@ The survey sends as a separate MAVLink component, so the pilot's frames stay the
 message types in `SENT_TYPES`: none of them moves the vehicle.
 """
 
-from cmath import phase, rect
 from collections import deque
-from collections.abc import Hashable, Iterable
+from collections.abc import Hashable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from math import hypot, isfinite, pi
@@ -17,36 +16,25 @@ from pymavlink.dialects.v20 import all as dialect
 from circnav_mav.extras.locate.conditions import RADIUS
 from circnav_mav.extras.locate.estimator import Knowledge, NotLocated, Ranges, Track
 from circnav_mav.extras.locate.export import named_values, orbit_status
-from circnav_mav.extras.locate.handback import (
-    FUSES,
-    RECEIVERS,
-    REPORTS,
-    DeadReckoning,
-    HandBack,
-    HandBackSettings,
-    Health,
-)
+from circnav_mav.extras.locate.gps_fix import RECEIVERS, GpsFix
 from circnav_mav.extras.locate.place import Place, Plane
-from circnav_mav.guidance.types import OwnMotion, RangeSample, RelativeMotion
+from circnav_mav.guidance.types import RangeSample
 from circnav_mav.mav.clocks import BOOT_WRAP, Order, StampFilter
 from circnav_mav.mav.codec import Decoder, Encoder, Message
 from circnav_mav.mav.commands import CommandSender, StreamRequests, once
 from circnav_mav.mav.framing import frame_at
-from circnav_mav.mav.own_motion import ATTITUDE_MAX_AGE
+from circnav_mav.mav.session import Session
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import Announcer
 from circnav_mav.pilot import VEHICLE, OutputMode, Pilot
 
 WANTED = frozenset({
     dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_GPS_RAW_INT, dialect.MAVLINK_MSG_ID_GPS2_RAW,
-    dialect.MAVLINK_MSG_ID_COMMAND_ACK, *REPORTS.values(),
+    dialect.MAVLINK_MSG_ID_COMMAND_ACK,
 })  # fmt: skip
 STREAMS = {dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0, dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 2.0}
-SECOND = dialect.MAVLINK_MSG_ID_GPS2_RAW
-"""Report of a second GPS receiver, which not every vehicle has."""
-SENT_TYPES = frozenset({"NAMED_VALUE_FLOAT", "STATUSTEXT", "ORBIT_EXECUTION_STATUS", "COMMAND_LONG", "COMMAND_INT"})
-"""Message types that the survey may send. Commands are limited to COMMANDS."""
-COMMANDS = frozenset({dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE})
+SENT_TYPES = frozenset({"NAMED_VALUE_FLOAT", "STATUSTEXT", "ORBIT_EXECUTION_STATUS", "COMMAND_LONG"})
+"""Message types that the survey may send. The only command is SET_MESSAGE_INTERVAL."""
 MOST_AHEAD = 5.0
 """Largest time, s, by which a vehicle's timestamp may be ahead of the estimate of its clock."""
 WINDOW = 600.0
@@ -54,10 +42,6 @@ WINDOW = 600.0
 MOST_KEPT = 2000
 """Largest number of ranges kept. Above it, every second one is dropped: the pilot misses a tick when thousands are
 passed to the process that runs `locate`."""
-GONE = 10.0
-"""Age of the newest heartbeat, s, after which no position is handed back."""
-AFTER = {dialect.MAVLINK_MSG_ID_ATTITUDE: 10.0, dialect.MAVLINK_MSG_ID_VFR_HUD: 5.0}
-"""Streams for dead reckoning after the pilot has released its own streams: message id -> Hz."""
 SOLVE_EVERY, MESSAGES_EVERY, TEXT_EVERY = 1.0, 1.0, 30.0
 """Shortest time, s, between two estimates, two map updates and two texts to the ground station; chosen."""
 SOLVE_SHARE = 0.03
@@ -74,17 +58,18 @@ COMPARED_LAPS, MIN_COMPARED, SETTLED = 1.2, 20, 0.05
 """Comparison of the radius by ranges with the radius by positions. Number of newest laps used. Smallest number of
 positions and of ranges in these laps. Largest deviation of 90 % of the ranges from the range on the circle, as a share
 of the radius: during the approach the mean distance is not a radius."""
-FRESH_RANGE = 2.0
-"""Largest age, s, of the newest range for which the range filter is used in the hand-back."""
 
 
 @dataclass(frozen=True, slots=True)
 class LocateSettings:
-    """component: own MAVLink component id. gps_sigma: standard deviation of a position, m."""
+    """Settings of the survey.
+
+    component: own MAVLink component id.
+    gps_sigma: standard deviation of a position, m.
+    """
 
     component: int
     gps_sigma: float = 1.5
-    handback: HandBackSettings | None = None
 
 
 class Locator:
@@ -100,12 +85,7 @@ class Locator:
         self.place: Place | None = None
         self.why = "no position of the vehicle"
         """Human-readable reason why the place is unknown."""
-        self.handback = HandBack(settings.handback) if settings.handback else None
-        self._health, self._reckoning = Health(), DeadReckoning()
-        self.only_hand_back = False
-        """True if the survey has failed. The hand-back then continues with the last place of the target."""
-        self.problem: str | None = None
-        """Human-readable failure, or None."""
+        self._gps = GpsFix()
         self._track: deque[tuple[float, float, float, float]] = deque()
         self._ranges: deque[tuple[float, float, float]] = deque()
         self._accepted = 0
@@ -116,10 +96,7 @@ class Locator:
         self._solved_to = float("-inf")
         self._announced_at = float("-inf")
         self._announced: Place | None = None
-        self._alone = self._ended = False
-        self.called_off = False
-        """True if no position may be handed back after guidance has ended."""
-        self._now = 0.0
+        self._ended = False
         self.radius_alarm = ""
         """Human-readable error of the ranges on the circle, and the true radius. Empty if no error was found."""
 
@@ -127,33 +104,26 @@ class Locator:
 
     def on_frames(self, link: str, source: Hashable, frames: Iterable[bytes], now: float) -> None:
         """Handle complete, trusted frames once the pilot has handled them. now: s."""
-        session, tracker = self._pilot.session, self._pilot.tracker
-        if link == VEHICLE and session.peer is not None and source == session.peer.source:
-            for frame in frames:
-                header = frame_at(frame, 0)  # most frames are not needed: checking the header is cheaper than decoding
-                if header is None or (header.system, header.component) != session.vehicle_ids:
-                    continue
-                if self._streams is not None:
-                    self._streams.received(header.ident)
-                for message in self._decoder.decode(frame) if header.ident in WANTED else ():
-                    self._take(message, now)
+        for ident, frame in vehicle_frames(self._pilot.session, link, source, frames):
+            if self._streams is not None:
+                self._streams.received(ident)
+            for message in self._decoder.decode(frame) if ident in WANTED else ():
+                self._take(message, now)
+        tracker = self._pilot.tracker
         fresh, self._accepted = tracker.accepted - self._accepted, tracker.accepted
-        if not self.only_hand_back:
-            for sample in list(tracker.recent)[-fresh:] if fresh > 0 else ():
-                self._range(sample, now)
+        for sample in list(tracker.recent)[-fresh:] if fresh > 0 else ():
+            self._range(sample, now)
 
     def _take(self, message: Message, now: float) -> None:
         kind = message.get_type()
-        if kind in RECEIVERS or kind in FUSES:
-            self._health.on_message(message, now)
+        if kind in RECEIVERS:
+            self._gps.on_message(message, now)
         if kind == "GPS_RAW_INT":
             reported = message.h_acc / 1000 / 1.414 if message.h_acc else 0.0  # per axis, m; 0 if not reported
             self._gps_sigma = max(self._settings.gps_sigma, min(reported, 100.0))
         elif kind == "COMMAND_ACK":
             us = self._encoder.system, self._settings.component
             self._commands.acknowledge(message, us, now)
-            if self.handback is not None:
-                self.handback.answered(message, us, now)
         elif kind == "GLOBAL_POSITION_INT" and 0 < max(abs(message.lat), abs(message.lon) / 2) <= 90e7:
             self._position(message, now)
 
@@ -164,18 +134,21 @@ class Locator:
             return []
         return [self.plane.to_degrees(east, north) for _, east, north, _ in self._track]
 
+    @property
+    def newest_position(self) -> tuple[float, float, float, float] | None:
+        """Newest position used for the estimate: time, s; east, north and altitude, m. None before the first one."""
+        return self._track[-1] if self._track else None
+
     def _position(self, message: Message, now: float) -> None:
         latitude, longitude, up = message.lat / 1e7, message.lon / 1e7, message.alt / 1000
-        fix = self._health.has_fix(now)
+        fix = self._gps.has_fix(now)
         if self.plane is None and fix:
             self.plane = Plane(latitude, longitude)
         if self.plane is None:
             return
         east, north = self.plane.to_metres(latitude, longitude)
         self._home = up - message.relative_alt / 1000
-        if self.handback is not None:
-            self.handback.reported(east, north, self._reckoning.where, now)
-        if not fix or self.only_hand_back:
+        if not fix:
             return  # without a GPS fix the position is the autopilot's own dead reckoning
         # Use the vehicle's timestamp: with the arrival time, a delay of the link is a position error of meters.
         stamp = self._clock.unwrapped(message.time_boot_ms / 1000)
@@ -184,7 +157,6 @@ class Locator:
             return
         time = self._clock.local(stamp, now)
         self._clock.take(stamp, now)
-        self._learn_compass(east, north, time, now)
         if not (self._track and time <= self._track[-1][0]):
             self._track.append((time, east, north, up))
             while now - self._track[0][0] > WINDOW:
@@ -199,24 +171,6 @@ class Locator:
             self._ranges.popleft()
         if len(self._ranges) > MOST_KEPT:  # keep every second range
             self._ranges = deque(islice(self._ranges, 0, None, 2))
-
-    def _learn_compass(self, east: float, north: float, time: float, now: float) -> None:
-        """Compare the bearings of the target by compass and by a reported position, if the newest range is less than
-        1 s old. east, north: m. time: of the position, s. now: s."""
-        place, newest, relative = self.place, self._pilot.tracker.newest, self._relative(time)
-        if place is None or relative is None or newest is None or now - newest.time >= 1.0:
-            return
-        there = place.at(time)
-        way = complex(there.east - east, there.north - north)
-        if abs(way) > 10:
-            off = phase(complex(-relative.x, -relative.y) / way)
-            self._reckoning.compass.learn(rect(1.0, off), now)
-
-    def _relative(self, time: float) -> RelativeMotion | None:
-        """Return the position relative to the target by ranges and compass, or None if it is not trusted."""
-        estimate = self._pilot.tracker.estimator.at(time)
-        relative = estimate.relative if estimate else None
-        return relative if relative is not None and relative.trusted else None
 
     # --- the estimate -----------------------------------------------------------------------------------------------
 
@@ -274,34 +228,19 @@ class Locator:
 
     # --- out --------------------------------------------------------------------------------------------------------
 
-    @property
-    def busy(self) -> bool:
-        """True if work remains after the end of guidance: positions to hand back, then streams to release."""
-        return self._gives or (self._alone and not self._ended and self._pilot.session.up)
-
-    @property
-    def _gives(self) -> bool:
-        back, session = self.handback, self._pilot.session
-        if back is None or not back.begun or self.called_off:
-            return False
-        return session.vehicle.armed and session.heartbeat_age(self._now) < GONE
-
     def step(self, now: float) -> list[bytes]:
         """Return the frames to send now."""
         session, mode = self._pilot.session, self._pilot.settings.output_mode
-        self._now = now
         if session.peer is None:
             return []
         self._encoder.system = session.encoder.system
         messages: list[Message] = []
         place = None if self.place is None else self.place.at(now)
-        whole = not self.only_hand_back
-        if whole and place is not None and now >= self._messages_at:
+        if place is not None and now >= self._messages_at:
             self._messages_at = now + MESSAGES_EVERY
             messages += self._operator_messages(place, now, mode)
         if mode is not OutputMode.SHADOW:
-            messages += self._requests(place, now)
-        if whole and mode is not OutputMode.SHADOW:
+            messages += self._requests(session.peer.ids, now)
             self._say(place, now)
             messages += self._announcer.texts(now)
         return [self._encode(message) for message in messages]
@@ -312,54 +251,21 @@ class Locator:
             messages.append(orbit_status(place, self._pilot.controller.orbit, now))
         return messages
 
-    def _requests(self, place: Place | None, now: float) -> list[Message]:
-        """Return stream requests and the position to hand back."""
-        session, done = self._pilot.session, self._pilot.done
-        assert session.peer is not None
-        target, flies = session.peer.ids, self._pilot.settings.output_mode is OutputMode.FLY
-        farewell = self._stream(now, done=done)
-        for result in self._commands.take_results():
-            if result.refused and self._streams:
-                self._streams.denied(result)
-        messages = farewell + self._commands.poll(target, now)
-        if flies and self.handback is not None:
-            messages += self._give_back(self.handback, place, target, now)
-        return messages
-
-    def _stream(self, now: float, *, done: bool) -> list[Message]:
-        """Request the streams that are due. At the end, return the requests that restore the vehicle's own rates."""
-        session = self._pilot.session
-        assert session.peer is not None
-        if self._streams is None or (done and not self._alone and self._gives):
-            self._alone = done  # after guidance the pilot has released its own streams
-            health = {REPORTS[session.adapter.firmware.key]: 2.0, SECOND: 2.0} if self.handback else {}
-            self._streams = StreamRequests(STREAMS | health | (AFTER if done else {}), maybe={SECOND})
-        if not done or self._gives:
+    def _requests(self, target: tuple[int, int], now: float) -> list[Message]:
+        """Return the stream requests that are due, at the end those that restore the vehicle's own rates."""
+        if self._streams is None:
+            self._streams = StreamRequests(STREAMS)
+        farewell: list[Message] = []
+        if not self._pilot.done:
             for request in self._streams.poll(now):
                 self._commands.send(request)
-            return []
-        ended, self._ended = self._ended, True
-        return [] if ended else [once(request, session.peer.ids) for request in self._streams.give_back()]
-
-    def _give_back(self, back: HandBack, place: Place | None, target: tuple[int, int], now: float) -> list[Message]:
-        """Return the command with a position for an autopilot that has lost its own, if a command is due."""
-        given, newest = back.settings.place, self._pilot.tracker.newest
-        if given is not None:
-            self.plane = self.plane or Plane(*given)
-            east, north = self.plane.to_metres(*given)
-            place = Place(now, self.plane, east, north, 0.0, np.eye(2), up_sigma=HOME_SIGMA, up_known=False)
-        if self.plane is None:
-            return []
-        fresh = newest is not None and now - newest.time < FRESH_RANGE
-        self._reckoning.step(now, self._own(now), place, self._pilot.tracker.estimator.at(now) if fresh else None)
-        good = self._health.good(now) if self._pilot.session.vehicle.armed else None
-        message = back.step(now, good=good, where=self._reckoning.where, plane=self.plane, target=target)
-        return [] if message is None else [message]
-
-    def _own(self, now: float) -> OwnMotion | None:
-        """Return the vehicle's motion through the air, or None if it is stale."""
-        own = self._pilot.own
-        return own if own is not None and now - own.time <= ATTITUDE_MAX_AGE else None
+        elif not self._ended:
+            self._ended = True
+            farewell = [once(request, target) for request in self._streams.give_back()]
+        for result in self._commands.take_results():
+            if result.refused:
+                self._streams.denied(result)
+        return farewell + self._commands.poll(target, now)
 
     def _say(self, place: Place | None, now: float) -> None:
         """Queue STATUSTEXT messages: the place when found or moved."""
@@ -375,6 +281,19 @@ class Locator:
     def _encode(self, message: Message) -> bytes:
         """Return one frame. Raises ValueError if the survey must not send this message."""
         kind = message.get_type()
-        if kind not in SENT_TYPES or (kind.startswith("COMMAND") and message.command not in COMMANDS):
+        is_command = kind == "COMMAND_LONG"
+        if kind not in SENT_TYPES or (is_command and message.command != dialect.MAV_CMD_SET_MESSAGE_INTERVAL):
             raise ValueError(f"the survey must not send {kind}")
         return self._encoder.encode(message)
+
+
+def vehicle_frames(
+    session: Session, link: str, source: Hashable, frames: Iterable[bytes]
+) -> Iterator[tuple[int, bytes]]:
+    """Yield message id and bytes of the frames that the vehicle sent. The other frames of a link are left out."""
+    if link != VEHICLE or session.peer is None or source != session.peer.source:
+        return
+    for frame in frames:
+        header = frame_at(frame, 0)  # most frames are not needed: checking the header is cheaper than decoding
+        if header is not None and (header.system, header.component) == session.vehicle_ids:
+            yield header.ident, frame

@@ -9,8 +9,8 @@ SHOWN = ("latitude_deg", "longitude_deg", "altitude_m", "sigma_m", "time_s", "mo
 
 
 def verdict_lines(found: dict[str, Any]) -> list[str]:
-    """Return the verdict lines: target place, alarms, hand-back. found: the survey's fields of summary.json."""
-    lines, place, back = [], found["place"], found["handback"]
+    """Return the verdict lines: target place, alarm. found: the survey's fields of summary.json."""
+    lines, place = [], found["place"]
     if place:
         height, moves = place["altitude_m"], ""
         if place["moves"]:
@@ -20,8 +20,6 @@ def verdict_lines(found: dict[str, Any]) -> list[str]:
         lines.append(f"  target     {where}{moves}, {tall}")
     if found.get("radius_alarm"):
         lines.append(f"  WARNING    {found['radius_alarm']}: calibrate the radio with `circnav ranging calibrate RUN`")
-    if back and back["sent"]:
-        lines.append(f"  hand-back  {back['sent']} positions sent, {back['accepted']} accepted; {back['ended']}")
     return lines
 
 

@@ -17,12 +17,6 @@ from circnav_mav.pilot.loop_step import LoopStep
 from tests.flight.lockstep import Flight, flight
 
 COMPONENT = 194
-GPS_LOST = (
-    'sim.events=[{at_s=50.0, action="gps_off"}]', "sim.sensors.dead_reckoning_mps=1", "sim.sensors.gps_error_m=1",
-    "sim.sensors.gps_error_time_s=600", "sim.wind.speed_mps=5", "sim.start.north_m=150", "sim.start.east_m=-100",
-    "limits.duration_s=75",
-)  # fmt: skip
-"""A plane that circles and loses its GPS after 50 s. Guidance ends 25 s later."""
 
 
 @dataclass
@@ -47,14 +41,6 @@ class Surveyed(Flight):
         for frame in locator.step(self.now):
             self.said.append((self.now, frame))
             self.vehicle.receive(frame)
-
-    def fly(self, until: float, watch=None) -> "Surveyed":  # type: ignore[no-untyped-def, override]
-        """Fly on after the end of guidance while the survey is busy."""
-        while self.now < until and (not self.pilot.done or self.locator.busy):  # type: ignore[union-attr]
-            self._step(until if self.pilot.done else min(self.pilot.scheduler.due, until))
-            if watch is not None:
-                watch(self)
-        return self
 
     def solve(self) -> Place | NotLocated:
         """Return the survey's solution from all frames received."""

@@ -8,7 +8,7 @@ from circnav_mav.extras.locate.report import verdict_lines
 
 PLACE = {"latitude_deg": 47.5, "longitude_deg": 8.25, "sigma_m": 1.44, "altitude_m": None, "moves": False,
          "speed_mps": 2.0, "course_deg": 45.0, "time_s": 60.0}  # fmt: skip
-NOTHING = {"place": None, "handback": None}
+NOTHING = {"place": None}
 
 
 @pytest.mark.parametrize(
@@ -16,7 +16,7 @@ NOTHING = {"place": None, "handback": None}
     [
         ({"place": PLACE}, "  target     47.5000000 8.2500000 ±1.4 m, height not observable"),
         ({"place": PLACE | {"moves": True, "altitude_m": 7.0}}, ", moves 2.0 m/s towards 045 deg, altitude 7.0 m"),
-        ({"handback": {"sent": 3, "accepted": 2, "ended": "done"}}, "3 positions sent, 2 accepted; done"),
+        ({"radius_alarm": "ranges 7 % too long"}, "  WARNING    ranges 7 % too long: calibrate the radio"),
     ],
 )
 def test_the_verdict_tells(found, words):
@@ -25,7 +25,7 @@ def test_the_verdict_tells(found, words):
 
 
 def test_the_verdict_keeps_silent_of_what_was_not():
-    assert verdict_lines(NOTHING | {"handback": {"sent": 0, "accepted": 0, "ended": ""}}) == []
+    assert verdict_lines(NOTHING | {"radius_alarm": None}) == []
 
 
 @pytest.mark.usefixtures("no_pictures")
@@ -47,7 +47,7 @@ def test_a_surveyed_place_is_a_map_in_the_page(circnav, run):
 @pytest.mark.usefixtures("no_pictures")
 @pytest.mark.parametrize(
     "changed",
-    [{"place": None}, {"handback": {"sent": 3}}],
+    [{}, {"place": None}],
     ids=str,
 )  # fmt: skip
 def test_a_summary_with_a_value_of_another_kind_is_told_without_a_map(circnav, run, changed):

@@ -15,8 +15,7 @@ from math import hypot
 import numpy as np
 from circnav_sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG
 
-from circnav_mav.extras.locate.handback import HandBackSettings
-from tests.extras.locate.flown import Surveyed, surveyed
+from tests.extras.handback.handed_back import HandedBack, handed_back
 
 AWAY, OFF, CHANGED, LEAVES, LONGEST = 2000.0, 100.0, 130.0, 260.0, 480.0
 THERE, LATER = 150.0, 60.0
@@ -39,9 +38,9 @@ class WayHome:
     def __post_init__(self) -> None:
         self.errors: list[tuple[float, float, float]] = []
 
-    def watch(self, flown: Surveyed) -> None:
+    def watch(self, flown: HandedBack) -> None:
         """Apply the events that are due and record the error."""
-        flight, locator = flown.vehicle._flight, flown.locator
+        flight, companion = flown.vehicle._flight, flown.companion
         if self.options.change and not self.changed and flown.now > CHANGED:
             self.changed = True
             flight.air._config = flight.air._config.changed(from_deg=0.0)
@@ -49,10 +48,10 @@ class WayHome:
         if flown.pilot.done and self.left is None:
             self.left, instruments = flown.now, flight.instruments
             instruments._config = instruments._config.changed(heading_bias_deg=self.options.heading)
-        assert locator is not None
-        here, truth = locator._reckoning.where, flown.vehicle.truth
-        if here is not None and locator.plane is not None and flown.now > OFF:
-            east, north = locator.plane.to_metres(HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG)
+        assert companion is not None
+        here, truth = companion.reckoning.where, flown.vehicle.truth
+        if here is not None and companion.plane is not None and flown.now > OFF:
+            east, north = companion.plane.to_metres(HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG)
             error = hypot(here.east - east - truth.east, here.north - north - truth.north)
             self.errors.append((flown.now, error, hypot(truth.east, truth.north)))
 
@@ -61,7 +60,7 @@ class WayHome:
         rms, time = self.options.gusts
         changes = (f"sim.ranging.max_range_m={self.options.reach}", f"sim.wind.gust_rms_mps={rms}",
                    f"sim.wind.gust_time_s={time}", f"sim.seed={seed}")  # fmt: skip
-        flown = surveyed("arduplane", *WORLD, *changes, law="auto", handback=HandBackSettings())
+        flown = handed_back("arduplane", *WORLD, *changes, law="auto")
         flown.solve_from, flown.solve_every = 60.0, 30.0
         flown.fly(LONGEST, self.watch)
         times, errors, away = np.array(self.errors).T

@@ -147,6 +147,7 @@ def write_mission(flown: Flight, path: Path, port: int, target_altitude: float) 
     mission["ranging"] |= {"rate_hz": flown.rate, "sigma_m": sigma, "orientation": UP, "component_id": 192}
     mission["limits"]["duration_s"] = flown.duration
     if flown.handback:
+        mission["locate"] = {"enabled": True}
         mission["handback"] = {"enabled": True}
     if flown.home_s:
         mission["exit"] = {"action": "rtl"}

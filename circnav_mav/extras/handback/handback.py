@@ -7,20 +7,17 @@ positions without effect.
 
 from cmath import phase, rect
 from dataclasses import dataclass, replace
-from math import hypot
+from math import hypot, nan
 from typing import Any
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.extras.locate.export import position_estimate
+from circnav_mav.extras.locate.gps_fix import RECEIVERS, GpsFix
 from circnav_mav.extras.locate.place import Place, Plane
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RelativeMotion
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import RESULT_NAMES
 
-RECEIVERS = ("GPS_RAW_INT", "GPS2_RAW")
-FIX_3D, SILENT = 3, 3.0
-"""Smallest fix_type of a 3D position. Age of a report, s, above which the report is ignored."""
 FUSES = {
     "EKF_STATUS_REPORT": dialect.EKF_POS_HORIZ_ABS,
     "ESTIMATOR_STATUS": dialect.ESTIMATOR_PRED_POS_HORIZ_ABS,
@@ -69,17 +66,8 @@ BIAS_MEMORY = 60.0
 """Averaging time of the compass bias, s."""
 RECKON_EVERY, LONGEST_STEP = 0.1, 1.0
 """Shortest time between two steps of dead reckoning, s. Longest step, s, over which the heading is still valid."""
-
-
 INTERVAL = 1.0
 """Time between two handed-back positions, s."""
-
-
-@dataclass(frozen=True, slots=True)
-class HandBackSettings:
-    """place: latitude and longitude of the target, degrees, if the mission gives them."""
-
-    place: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,22 +100,16 @@ class PositionEstimate:
     by_ranges: bool
 
 
-class Health:
-    """Position status reported by the autopilot."""
-
-    def __init__(self) -> None:
-        self._reported: dict[str, tuple[bool, float]] = {}
+class Health(GpsFix):
+    """Position status reported by the autopilot: fixes of its receivers, and the state of its estimator."""
 
     def on_message(self, message: Message, now: float) -> None:
         """Process a message of RECEIVERS or FUSES."""
         kind = message.get_type()
-        good = message.fix_type >= FIX_3D if kind in RECEIVERS else bool(message.flags & FUSES[kind])
-        self._reported[kind] = good, now
-
-    def has_fix(self, now: float) -> bool:
-        """True if a GPS receiver reports a 3D fix."""
-        fresh = self._fresh(now)
-        return any(fresh.get(kind, False) for kind in RECEIVERS)
+        if kind in FUSES:
+            self._report(kind, bool(message.flags & FUSES[kind]), now)
+        else:
+            super().on_message(message, now)
 
     def good(self, now: float) -> bool | None:
         """True if a receiver has a fix or the estimator fuses an absolute position. False if both report none. None if
@@ -135,9 +117,6 @@ class Health:
         fresh = self._fresh(now)
         received = RECEIVERS[0] in fresh and not FUSES.keys().isdisjoint(fresh)
         return True if any(fresh.values()) else False if received else None
-
-    def _fresh(self, now: float) -> dict[str, bool]:
-        return {kind: good for kind, (good, at) in self._reported.items() if now - at <= SILENT}
 
 
 class RunningMean:
@@ -274,8 +253,7 @@ def _at_distance(r: float, target: Place, here: PositionEstimate) -> PositionEst
 class HandBack:
     """Decides when a position is sent, and when to stop for good."""
 
-    def __init__(self, settings: HandBackSettings) -> None:
-        self.settings = settings
+    def __init__(self) -> None:
         self.given: list[SentPosition] = []
         """Newest positions sent, at most MOST_GIVEN."""
         self.sent = self.accepted = 0
@@ -378,3 +356,14 @@ class HandBack:
 
     def _end(self, why: str) -> None:
         self.over, self.ended = True, why
+
+
+def position_estimate(
+    latitude: float, longitude: float, sigma: float, target: tuple[int, int], now: float, age: float
+) -> Message:
+    """Return MAV_CMD_EXTERNAL_POSITION_ESTIMATE. param1: time of sending, s; param2: age of the estimate, s; param3:
+    standard deviation, m. ArduPilot requires z = NaN and the frame GLOBAL."""
+    return dialect.MAVLink_command_int_message(
+        *target, dialect.MAV_FRAME_GLOBAL, dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE, 0, 0,
+        now % 10_000.0, age, sigma, 0.0, round(latitude * 1e7), round(longitude * 1e7), nan,
+    )  # fmt: skip

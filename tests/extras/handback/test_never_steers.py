@@ -9,34 +9,43 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+from circnav_mav.extras.handback import companion
+from circnav_mav.extras.handback.companion import COMMANDS, Companion
+from circnav_mav.extras.handback.settings import HandBackSettings
 from circnav_mav.extras.locate.estimator import locate
-from circnav_mav.extras.locate.handback import HandBackSettings
-from circnav_mav.extras.locate.locator import COMMANDS, SENT_TYPES, LocateSettings, Locator
+from circnav_mav.extras.locate.locator import SENT_TYPES, LocateSettings, Locator
 from circnav_mav.pilot import VEHICLE
 from circnav_mav.pilot.mission_state import Phase
 from tests.rig import Rig, decode
 
 SETPOINTS = {"SET_POSITION_TARGET_LOCAL_NED", "SET_ATTITUDE_TARGET", "MANUAL_CONTROL", "SET_POSITION_TARGET_GLOBAL_INT"}
+ALLOWED = SENT_TYPES | companion.SENT_TYPES
 
 
 class SurveyedRig(Rig):
-    """A rig with a survey beside its pilot, with all options on."""
+    """A rig with survey and hand-back beside its pilot."""
 
     def __init__(self, **changes):
         super().__init__(**changes)
-        settings = LocateSettings(194, handback=HandBackSettings(place=(47.3, 8.5)))
-        self.locator = Locator(settings, self.pilot)
+        self.locator = Locator(LocateSettings(194), self.pilot)
+        self.companion = Companion(HandBackSettings(193, (47.3, 8.5)), self.pilot, self.locator)
         self.survey: list[bytes] = []
 
     def hear(self, message, **how):
         super().hear(message, **how)
-        self.locator.on_frames(VEHICLE, how.get("source") or self.source, self.pilot.take_frames(), self.now)
+        self.show(how.get("source") or self.source)
+
+    def show(self, source):
+        frames = self.pilot.take_frames()
+        self.locator.on_frames(VEHICLE, source, frames, self.now)
+        self.companion.on_frames(VEHICLE, source, frames, self.now)
 
     def step(self):
         messages = super().step()
         if (job := self.locator.job(self.now)) is not None and self.tick % 40 == 0:
             self.locator.found(locate(*job))
         self.survey += self.locator.step(self.now)
+        self.survey += self.companion.step(self.now)
         return messages
 
 
@@ -58,7 +67,7 @@ LIES: dict[str, Callable[[int], list[Any]]] = {
     "no fix, and every answer a yes": lambda tick: [
         mavlink.MAVLink_gps_raw_int_message(50_000 * tick, 1, 0, 0, 0, 1, 1, 0, 0, 9),
         circling(473_000_000, 85_000_000, tick),
-        mavlink.MAVLink_command_ack_message(mavlink.MAV_CMD_EXTERNAL_POSITION_ESTIMATE, 0, 0, 0, 1, 194),
+        mavlink.MAVLink_command_ack_message(mavlink.MAV_CMD_EXTERNAL_POSITION_ESTIMATE, 0, 0, 0, 1, 193),
     ],
 }
 
@@ -75,14 +84,14 @@ def test_false_positions_change_no_byte_of_the_output_with_survey_and_hand_back_
             # without a place in the vehicle's own count: the honest rig receives none of these
             frame = lied_to.vehicle.say(message)
             lied_to.pilot.receive(frame, lied_to.now, lied_to.source)
-            lied_to.locator.on_frames(VEHICLE, lied_to.source, lied_to.pilot.take_frames(), lied_to.now)
+            lied_to.show(lied_to.source)
     assert honest.pilot.mission.phase is Phase.ENGAGED
     assert lied_to.raw == honest.raw
     said = [message for frame in lied_to.survey for message in decode(frame)]
     assert said, "the survey was silent: nothing was tested"
-    assert {one.get_type() for one in said} <= SENT_TYPES and not SENT_TYPES & SETPOINTS
+    assert {one.get_type() for one in said} <= ALLOWED and not ALLOWED & SETPOINTS
     assert {one.command for one in said if one.get_type().startswith("COMMAND")} <= COMMANDS
-    assert {one.get_srcComponent() for one in said} == {194}
+    assert {one.get_srcComponent() for one in said} == {193, 194}
 
 
 def test_positions_that_are_stamped_late_ask_for_no_answer_to_timesync():

@@ -7,11 +7,12 @@ import pytest
 from circnav_sim.world import to_degrees
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.extras.locate.handback import DeadReckoning, HandBack, HandBackSettings, Health, PositionEstimate
-from circnav_mav.extras.locate.locator import COMMANDS, SENT_TYPES
+from circnav_mav.extras.handback.companion import COMMANDS, SENT_TYPES
+from circnav_mav.extras.handback.handback import DeadReckoning, HandBack, Health, PositionEstimate
 from circnav_mav.extras.locate.place import Place, Plane
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RelativeMotion
-from tests.extras.locate.flown import GPS_LOST, surveyed
+from tests.extras.handback.handed_back import GPS_LOST, handed_back
+from tests.extras.locate.flown import surveyed
 from tests.flight.lockstep import flight
 
 POSITION = mavlink.MAV_CMD_EXTERNAL_POSITION_ESTIMATE
@@ -21,7 +22,7 @@ ON_PLANE = Plane(-35.0, 149.0)
 
 
 def commands(flown):
-    return [(time, one) for time, one in flown.messages if one.get_type() == "COMMAND_INT" and one.command == POSITION]
+    return [(time, one) for time, one in flown.given_messages if getattr(one, "command", None) == POSITION]
 
 
 def own_error(flown):
@@ -30,10 +31,10 @@ def own_error(flown):
 
 
 def test_an_autopilot_without_gps_is_kept_where_it_is_also_after_guidance_has_ended_and_no_byte_of_ours_changes():
-    """The autopilot drifts at 1 m/s in each axis. Without help it would be off by about 45 m after 45 s. Place, circle
-    and position leave beside the pilot's output."""
+    """The autopilot drifts at 1 m/s in each axis. Without help it would be off by about 45 m after 45 s. The
+    positions leave beside the output of pilot and survey."""
     errors: list[tuple[float, float]] = []
-    flown = surveyed("arduplane", *GPS_LOST, law="auto", handback=HandBackSettings())
+    flown = handed_back("arduplane", *GPS_LOST, law="auto")
     flown.solve_from, flown.solve_every = 40.0, 10.0
     flown.fly(END, lambda one: errors.append((one.now, own_error(one))))
     given = commands(flown)
@@ -41,47 +42,41 @@ def test_an_autopilot_without_gps_is_kept_where_it_is_also_after_guidance_has_en
     assert len(given) >= 8 and flown.pilot.done
     late = sorted(error for time, error in errors if time > LOST_AT + 15)
     assert late[len(late) // 2] < 10.0 and late[-1] < 25.0
-    (_, first), back = given[0], flown.locator.handback
+    (_, first), back = given[0], flown.companion.handback
     assert first.frame == mavlink.MAV_FRAME_GLOBAL and first.z != first.z and first.param3 >= 1.0
     assert all(0 <= one.param2 < 0.15 for _, one in given), "the estimate is not as old as it is told"
     assert flown.locator.job(END + 100.0) is None, "the place is estimated again without a new position"
     assert back.plain() == {"sent": len(given), "accepted": len(given), "ended": "going on"}
     assert given[-1][0] > flown.sent[-1][0] + 5.0, "it ended with guidance"
-    said = [message for _, message in flown.messages]
-    assert {one.get_type() for one in said} == SENT_TYPES
-    assert {one.command for one in said if one.get_type().startswith("COMMAND")} == COMMANDS
+    said = [message for _, message in flown.given_messages]
+    assert {one.get_type() for one in said} == SENT_TYPES and {one.command for one in said} == COMMANDS
     assert flown.sent == flight("arduplane", *GPS_LOST, law="auto").fly(END).sent
 
 
-def lost_early(law, until, **settings):
+def lost_early(kind, law, until, **settings):
     """Return a flight whose GPS is lost before the target could be located."""
     lost = 'sim.events=[{at_s=10.0, action="gps_off"}]'
-    flown = surveyed(
-        "arduplane", lost, *GPS_LOST[1:], "sim.target.north_m=0", "sim.target.east_m=0", law=law, **settings
-    )
+    flown = kind("arduplane", lost, *GPS_LOST[1:], "sim.target.north_m=0", "sim.target.east_m=0", law=law, **settings)
     flown.solve_from = 1e9
     return flown.fly(until)
 
 
-def test_off_by_default_nothing_is_given_and_the_same_autopilot_drifts_away():
-    flown = lost_early("smooth", 45.0)
-    assert commands(flown) == []
-    assert own_error(flown) > 30.0
+def test_without_hand_back_the_same_autopilot_drifts_away():
+    assert own_error(lost_early(surveyed, "smooth", 45.0)) > 30.0
 
 
-def test_a_place_that_the_mission_gives_needs_no_survey():
-    flown = lost_early("auto", 70.0, handback=HandBackSettings(place=to_degrees(0.0, 0.0)))
+def test_a_place_that_the_mission_gives_needs_no_surveyed_one():
+    flown = lost_early(handed_back, "auto", 70.0, place=to_degrees(0.0, 0.0))
     assert commands(flown)[0][0] < 45.0
     assert own_error(flown) < 10.0
-    asked = [one.param1 for _, one in flown.messages if one.get_type() == "COMMAND_LONG"]
-    wanted = [GPS, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, GPS2, EKF]
-    assert sorted(asked) == wanted, "streams that flow, or that of a receiver that is not there, are asked for again"
+    asked = [one.param1 for _, one in flown.given_messages if one.get_type() == "COMMAND_LONG"]
+    assert sorted(asked) == [GPS2, EKF], "streams of the survey, or of a missing receiver again"
 
 
 def give(goods, result, off=0.0, until=1e9):
     """Return the hand-back and the times (s) of its positions. goods: autopilot's position valid, every 0.1 s.
     result: answer to each position. off: reported error, m. until: loss of our position, s."""
-    back, times = HandBack(HandBackSettings()), []
+    back, times = HandBack(), []
     for tick, good in enumerate(goods):
         where = HERE if tick / 10 < until else None
         if back.step(tick / 10, good=good, where=where, plane=ON_PLANE, target=(1, 1)) is not None:
@@ -171,7 +166,7 @@ def test_a_slow_tick_costs_certainty_and_not_the_place():
 def late(*results, delay):
     """Positions sent to an autopilot that gives some results for each, one after the other, at intervals of `delay`
     s."""
-    back, answers, times = HandBack(HandBackSettings()), [], []
+    back, answers, times = HandBack(), [], []
     for now in (round(0.05 * tick, 6) for tick in range(600)):
         for result in [result for at, result in answers if at == now]:
             back.answered(mavlink.MAVLink_command_ack_message(POSITION, result, 0, 0, 1, 194), (1, 194), now)
@@ -197,7 +192,7 @@ def test_an_answer_that_comes_late_is_that_to_the_position_given_before_it():
 
 
 def test_the_newest_positions_are_kept_and_all_of_them_counted(monkeypatch):
-    monkeypatch.setattr("circnav_mav.extras.locate.handback.MOST_GIVEN", 5)
+    monkeypatch.setattr("circnav_mav.extras.handback.handback.MOST_GIVEN", 5)
     back, times = late(mavlink.MAV_RESULT_ACCEPTED, delay=0.2)
     assert [one.time for one in back.given] == times[-5:] and len(times) > 20
     assert back.plain() == {"sent": len(times), "accepted": len(times), "ended": "going on"}

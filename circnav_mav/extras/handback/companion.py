@@ -1,0 +1,191 @@
+"""MAVLink component of the hand-back: reports of the autopilot in, positions out. No socket, no clock.
+
+It sends as a separate component, so the frames of pilot and survey stay the same, byte for byte. It sends only the
+message types in `SENT_TYPES`: none of them moves the vehicle.
+"""
+
+from cmath import phase, rect
+from collections.abc import Hashable, Iterable
+
+import numpy as np
+from pymavlink.dialects.v20 import all as dialect
+
+from circnav_mav.extras.handback.handback import FUSES, REPORTS, DeadReckoning, HandBack, Health
+from circnav_mav.extras.handback.settings import HandBackSettings
+from circnav_mav.extras.locate.gps_fix import RECEIVERS
+from circnav_mav.extras.locate.locator import HOME_SIGMA, STREAMS, Locator, vehicle_frames
+from circnav_mav.extras.locate.place import Place, Plane
+from circnav_mav.guidance.types import OwnMotion
+from circnav_mav.mav.codec import Decoder, Encoder, Message
+from circnav_mav.mav.commands import CommandSender, StreamRequests, once
+from circnav_mav.mav.own_motion import ATTITUDE_MAX_AGE
+from circnav_mav.mav.signing import Signing
+from circnav_mav.pilot import OutputMode, Pilot
+
+SECOND = dialect.MAVLINK_MSG_ID_GPS2_RAW
+"""Report of a second GPS receiver, which not every vehicle has."""
+WANTED = frozenset({
+    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_GPS_RAW_INT, SECOND,
+    dialect.MAVLINK_MSG_ID_COMMAND_ACK, *REPORTS.values(),
+})  # fmt: skip
+AFTER = {dialect.MAVLINK_MSG_ID_ATTITUDE: 10.0, dialect.MAVLINK_MSG_ID_VFR_HUD: 5.0}
+"""Streams for dead reckoning after the pilot has released its own streams: message id -> Hz."""
+SENT_TYPES = frozenset({"COMMAND_LONG", "COMMAND_INT"})
+"""Message types that the hand-back may send. Commands are limited to COMMANDS."""
+COMMANDS = frozenset({dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE})
+GONE = 10.0
+"""Age of the newest heartbeat, s, after which no position is handed back."""
+FRESH_RANGE = 2.0
+"""Largest age, s, of the newest range for which the range filter is used."""
+FRESH_BEARING = 1.0
+"""Largest age, s, of the newest range with which the compass is compared."""
+
+
+class Companion:
+    """Receives the same frames as the pilot, after the pilot and the survey, and changes neither."""
+
+    def __init__(
+        self, settings: HandBackSettings, pilot: Pilot, survey: Locator, signing: Signing | None = None
+    ) -> None:
+        self._settings = settings
+        self._pilot = pilot
+        self._survey = survey
+        self._decoder = Decoder(wanted=WANTED)
+        self._encoder = Encoder(1, settings.component, signing)
+        self._commands = CommandSender()
+        self._streams: StreamRequests | None = None
+        self.handback = HandBack()
+        self._health = Health()
+        self.reckoning = DeadReckoning()
+        self._given = None if settings.place is None else Plane(*settings.place)
+        self._compared_to = float("-inf")
+        """Time of the newest position that the compass was compared with, s."""
+        self._alone = False
+        """True after guidance has ended while positions are handed back."""
+        self._ended = False
+        self.called_off = False
+        """True if no position may be handed back after guidance has ended."""
+        self._now = 0.0
+
+    @property
+    def plane(self) -> Plane | None:
+        """Plane of all positions in m. None before the survey has a position, if the mission gives no place."""
+        return self._given or self._survey.plane
+
+    # --- in ---------------------------------------------------------------------------------------------------------
+
+    def on_frames(self, link: str, source: Hashable, frames: Iterable[bytes], now: float) -> None:
+        """Handle complete, trusted frames once the pilot and the survey have handled them. now: s."""
+        for ident, frame in vehicle_frames(self._pilot.session, link, source, frames):
+            if self._streams is not None:
+                self._streams.received(ident)
+            for message in self._decoder.decode(frame) if ident in WANTED else ():
+                self._take(message, now)
+        self._compare_compass(now)
+
+    def _take(self, message: Message, now: float) -> None:
+        kind = message.get_type()
+        if kind in RECEIVERS or kind in FUSES:
+            self._health.on_message(message, now)
+        elif kind == "COMMAND_ACK":
+            us = self._encoder.system, self._settings.component
+            self._commands.acknowledge(message, us, now)
+            self.handback.answered(message, us, now)
+        elif self.plane is not None and 0 < max(abs(message.lat), abs(message.lon) / 2) <= 90e7:
+            east, north = self.plane.to_metres(message.lat / 1e7, message.lon / 1e7)
+            self.handback.reported(east, north, self.reckoning.where, now)
+
+    def _compare_compass(self, now: float) -> None:
+        """Compare the bearings of the surveyed place by compass and by the newest position with a GPS fix."""
+        place = self._survey.place
+        position = self._survey.newest_position
+        newest = self._pilot.tracker.newest
+        if place is None or position is None or newest is None:
+            return
+        time, east, north, _ = position
+        if time <= self._compared_to or now - newest.time >= FRESH_BEARING:
+            return
+        self._compared_to = time
+        estimate = self._pilot.tracker.estimator.at(time)
+        relative = estimate.relative if estimate else None
+        there = place.at(time)
+        way = complex(there.east - east, there.north - north)
+        if relative is not None and relative.trusted and abs(way) > 10:
+            off = phase(complex(-relative.x, -relative.y) / way)
+            self.reckoning.compass.learn(rect(1.0, off), now)
+
+    # --- out --------------------------------------------------------------------------------------------------------
+
+    @property
+    def busy(self) -> bool:
+        """True if work remains after the end of guidance: positions to hand back, then streams to release."""
+        return self._gives or (self._alone and not self._ended and self._pilot.session.up)
+
+    @property
+    def _gives(self) -> bool:
+        session = self._pilot.session
+        if not self.handback.begun or self.called_off:
+            return False
+        return session.vehicle.armed and session.heartbeat_age(self._now) < GONE
+
+    def step(self, now: float) -> list[bytes]:
+        """Return the frames to send now."""
+        session, mode = self._pilot.session, self._pilot.settings.output_mode
+        self._now = now
+        if session.peer is None or mode is OutputMode.SHADOW:
+            return []
+        self._encoder.system = session.encoder.system
+        messages = self._stream(session.peer.ids, now)
+        for result in self._commands.take_results():
+            if result.refused and self._streams is not None:
+                self._streams.denied(result)
+        messages += self._commands.poll(session.peer.ids, now)
+        if mode is OutputMode.FLY:
+            messages += self._give_back(session.peer.ids, now)
+        return [self._encode(message) for message in messages]
+
+    def _stream(self, target: tuple[int, int], now: float) -> list[Message]:
+        """Request the streams that are due. At the end, return the requests that restore the vehicle's own rates."""
+        session, done = self._pilot.session, self._pilot.done
+        if self._streams is None or (done and not self._alone and self._gives):
+            self._alone = done  # after guidance, pilot and survey have released their own streams
+            health = {REPORTS[session.adapter.firmware.key]: 2.0, SECOND: 2.0}
+            self._streams = StreamRequests(health | (STREAMS | AFTER if done else {}), maybe={SECOND})
+        if not done or self._gives:
+            for request in self._streams.poll(now):
+                self._commands.send(request)
+            return []
+        if self._ended:
+            return []
+        self._ended = True
+        return [once(request, target) for request in self._streams.give_back()]
+
+    def _place(self, now: float) -> Place | None:
+        """Return the target's place: as given by the mission, else as surveyed. None if it is unknown."""
+        if self._given is not None:
+            return Place(now, self._given, 0.0, 0.0, 0.0, np.eye(2), up_sigma=HOME_SIGMA, up_known=False)
+        surveyed = self._survey.place
+        return None if surveyed is None else surveyed.at(now)
+
+    def _give_back(self, target: tuple[int, int], now: float) -> list[Message]:
+        """Return the command with a position for an autopilot that has lost its own, if a command is due."""
+        tracker = self._pilot.tracker
+        if self.plane is None:
+            return []
+        fresh = tracker.newest is not None and now - tracker.newest.time < FRESH_RANGE
+        self.reckoning.step(now, self._own(now), self._place(now), tracker.estimator.at(now) if fresh else None)
+        good = self._health.good(now) if self._pilot.session.vehicle.armed else None
+        message = self.handback.step(now, good=good, where=self.reckoning.where, plane=self.plane, target=target)
+        return [] if message is None else [message]
+
+    def _own(self, now: float) -> OwnMotion | None:
+        """Return the vehicle's motion through the air, or None if it is stale."""
+        own = self._pilot.own
+        return own if own is not None and now - own.time <= ATTITUDE_MAX_AGE else None
+
+    def _encode(self, message: Message) -> bytes:
+        """Return one frame. Raises ValueError if the hand-back must not send this message."""
+        kind = message.get_type()
+        if kind not in SENT_TYPES or message.command not in COMMANDS:
+            raise ValueError(f"the hand-back must not send {kind}")
+        return self._encoder.encode(message)

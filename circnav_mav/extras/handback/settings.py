@@ -1,0 +1,57 @@
+"""Mission table [handback]: keys, check, and the settings derived from them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Self, cast
+
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from circnav_mav.extras.locate.settings import companion, table_of
+from circnav_mav.mav.check_result import FAIL, Check
+from circnav_mav.mission.mission import Mission
+from circnav_mav.mission.schema import Table
+
+
+class HandBackTable(Table):
+    """[handback]: positions for an autopilot that has lost its own."""
+
+    enabled: bool = False
+    latitude_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
+    longitude_deg: Annotated[float, Field(ge=-180, le=180)] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.latitude_deg is None) != (self.longitude_deg is None):
+            raise PydanticCustomError("place", "one of latitude_deg and longitude_deg is missing: give both or neither")
+        return self
+
+
+@dataclass(frozen=True, slots=True)
+class HandBackSettings:
+    """Settings of the hand-back.
+
+    component: own MAVLink component id.
+    place: latitude and longitude of the target, degrees, None for the surveyed place.
+    """
+
+    component: int
+    place: tuple[float, float] | None = None
+
+
+def handback_settings(mission: Mission) -> HandBackSettings | None:
+    """Return the settings of the hand-back, None if the mission does not enable it."""
+    table = cast(HandBackTable, mission.file.handback)  # type: ignore[attr-defined]
+    if not table.enabled:
+        return None
+    place = None
+    if table.latitude_deg is not None and table.longitude_deg is not None:
+        place = table.latitude_deg, table.longitude_deg
+    ours = mission.file.link.component_id
+    return HandBackSettings(companion({ours, companion({ours})}), place)
+
+
+def check_table(mission: Mission) -> Iterator[Check]:
+    """Check the table against the rest of the mission."""
+    if handback_settings(mission) is not None and not table_of(mission).enabled:
+        yield Check(FAIL, "handback", "handback.enabled = true needs the survey, set locate.enabled = true")

@@ -1,0 +1,132 @@
+"""The hand-back beside a pilot on a bench: received frames, requests, output and failures."""
+
+from cmath import phase
+from math import pi
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from circnav_mav.extras.handback.companion import AFTER, Companion
+from circnav_mav.extras.handback.handback import PositionEstimate
+from circnav_mav.extras.handback.onlooker import HandBackOnlooker
+from circnav_mav.extras.handback.settings import HandBackSettings
+from circnav_mav.extras.locate.locator import STREAMS, LocateSettings, Locator
+from circnav_mav.extras.locate.onlooker import LocateOnlooker
+from circnav_mav.extras.locate.place import Place, Plane
+from circnav_mav.guidance.types import OwnMotion
+from circnav_mav.pilot import VEHICLE
+from circnav_mav.pilot.loop_step import LoopStep
+from circnav_mav.runtime.onlookers import Onlookers
+from tests.extras.handback.handed_back import COMPONENT
+from tests.rig import Rig, decode
+
+PLACE = Place(0.0, Plane(47.3, 8.5), 30.0, 40.0, 584.0, np.eye(2), up_sigma=0.5, up_known=True)
+
+
+class Beside:
+    """Survey and hand-back beside a rig, as in the loop of a flight. The survey solves nothing."""
+
+    def __init__(self, monkeypatch, rig=None):
+        self.rig = rig or Rig()
+        self.locator = Locator(LocateSettings(194), self.rig.pilot)
+        monkeypatch.setattr(self.locator, "job", lambda now: None)
+        monkeypatch.setattr("circnav_mav.extras.locate.onlooker.start_solver", lambda: None)
+        self.companion = Companion(HandBackSettings(COMPONENT, (47.3, 8.5)), self.rig.pilot, self.locator)
+        self.onlooker = HandBackOnlooker(self.companion)
+        self.onlookers = Onlookers([LocateOnlooker(self.locator, waits=True), self.onlooker])
+        self.rig.run(3.0)
+
+    def steps(self, seconds, *others, called_off=False):
+        """Return the messages of the hand-back while GPS and estimator report a lost position. others: further
+        messages of the vehicle."""
+        said = []
+        for _ in range(round(seconds / 0.05)):
+            self.rig.run(0.05)
+            lost = (mavlink.MAVLink_gps_raw_int_message(0, 1, 0, 0, 0, 1, 1, 0, 0, 9),
+                    mavlink.MAVLink_ekf_status_report_message(0x12F, 0, 0, 0, 0, 0, 0))  # fmt: skip
+            frames = [self.rig.vehicle.say(message) for message in (*lost, *others)]
+            step = LoopStep(self.rig.now, received=[(VEHICLE, "vehicle", frames)])
+            said += self.onlookers.on_step(None, step, None, called_off=called_off)
+        return [message for frame in said for message in decode(frame) if message.get_srcComponent() == COMPONENT]
+
+
+@pytest.fixture
+def lost(monkeypatch):
+    """A hand-back in progress."""
+    beside = Beside(monkeypatch)
+    monkeypatch.setattr(beside.companion, "_own", lambda now: OwnMotion(now, 0.0, 0.0, 15.0))
+    beside.companion.reckoning.where = PositionEstimate(beside.rig.now, 0.0, 0.0, 3.0, 0j, 1.0, False)
+    return beside
+
+
+def test_compass_bias_is_learnt_once_a_position_while_a_range_is_fresh(monkeypatch):
+    beside = Beside(monkeypatch)
+    now, learnt = beside.rig.now, []
+    monkeypatch.setattr(beside.companion.reckoning.compass, "learn", lambda off, now: learnt.append(phase(off)))
+    relative = SimpleNamespace(x=0.0, y=150.0, sigma=1.0, trusted=True)
+    estimator = SimpleNamespace(at=lambda time: SimpleNamespace(relative=relative))
+    monkeypatch.setattr(beside.rig.pilot.tracker, "estimator", estimator)
+    beside.locator.found(PLACE)
+    for time, east, north, later in ((1.0, 30.0, 190.0, 0.0), (1.0, 9.0, 9.0, 0.0), (2.0, 180.0, 40.0, 0.0),
+                                     (3.0, 30.0, 190.0, 2.0)):  # fmt: skip
+        beside.locator._track.append((time, east, north, 600.0))
+        beside.companion.on_frames(VEHICLE, "vehicle", [], now + later)
+    assert learnt == pytest.approx([0.0, pi / 2])
+
+
+@pytest.mark.parametrize("broken", ["_say", "_range"])
+def test_a_survey_that_fails_leaves_the_hand_back_alone(lost, monkeypatch, broken):
+    monkeypatch.setattr(lost.locator, broken, lambda *given: 1 / 0)
+    given = [one for one in lost.steps(6.0) if one.get_type() == "COMMAND_INT"]
+    assert given and lost.companion.handback.begun
+    assert [one.partition(" at ")[0] for one in lost.onlookers.problems] == ["survey: stopped"]
+
+
+@pytest.mark.parametrize(("fix", "is_given"), [(3, False), (1, True)], ids=["has a fix", "has none"])
+def test_a_vehicle_with_two_receivers_is_given_nothing_while_the_second_has_a_fix(lost, fix, is_given):
+    second = mavlink.MAVLink_gps2_raw_message(0, fix, 473_000_000, 85_000_000, 0, 1, 1, 0, 0, 9, 0, 0)
+    given = {one.get_type() for one in lost.steps(8.0, second)} & {"COMMAND_INT"}
+    assert bool(given) is is_given
+
+
+@pytest.mark.parametrize("how", ["the position is back", "a signal"])
+def test_streams_are_given_back_when_the_hand_back_ends_that_outlasts_guidance(monkeypatch, how):
+    beside = Beside(monkeypatch, Rig(exit="stop"))
+    beside.steps(3.0)
+    beside.rig.pilot.interrupt(beside.rig.now, "SIGINT")
+    beside.steps(1.0)
+    assert beside.rig.pilot.done and beside.onlookers.busy
+    back = mavlink.MAVLink_gps_raw_int_message(0, 3, 0, 0, 0, 1, 1, 0, 0, 9)
+    others = [back] if how == "the position is back" else []
+    said = []
+    while beside.onlookers.busy and beside.rig.now < 30.0:
+        said += beside.steps(0.05, *others, called_off=how == "a signal")
+    restored = [one.param1 for one in said if one.get_type() == "COMMAND_LONG" and one.param2 == 0]
+    assert {int(ident) for ident in restored} >= {*STREAMS, *AFTER}
+
+
+def test_a_hand_back_that_fails_ends(lost, monkeypatch):
+    lost.steps(0.1)
+    monkeypatch.setattr(lost.companion, "step", lambda now: 1 / 0)
+    assert lost.steps(1.0) == [] and not lost.onlookers.busy
+    assert [one.partition(" at ")[0] for one in lost.onlookers.problems] == ["hand-back: stopped"]
+
+
+def test_what_moves_a_vehicle_cannot_leave_the_hand_back(lost):
+    for message in (
+        mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0),
+        mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, 4, 0, 0, 0, 0, 0),
+    ):
+        with pytest.raises(ValueError, match="must not send"):
+            lost.companion._encode(message)
+
+
+def test_the_verdict_names_the_positions_sent_and_accepted(lost):
+    summary = {"notes": []}
+    assert lost.onlooker.finish(summary) == {} and summary["notes"] == []
+    given = [one for one in lost.steps(6.0) if one.get_type() == "COMMAND_INT"]
+    files = lost.onlooker.finish(summary)
+    assert summary["handback"]["sent"] == len(given) == len(files["handback.csv"].splitlines()) - 1
+    assert summary["notes"] == [f"  hand-back  {len(given)} positions sent, 0 accepted; going on"]

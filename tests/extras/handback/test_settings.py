@@ -1,0 +1,46 @@
+"""The mission table of the hand-back: its keys, its check, and the settings."""
+
+from contextlib import ExitStack
+
+import pytest
+
+from circnav_mav.cli.connect import open_onlookers
+from circnav_mav.extras.handback.settings import handback_settings
+from circnav_mav.mav.check_result import FAIL
+from circnav_mav.mission.checks import check_mission
+from circnav_mav.mission.load import MissionError, parse_mission
+from circnav_mav.pilot import Pilot
+from tests.small_mission import TEXT
+
+ON = ("handback.enabled=true", "locate.enabled=true")
+
+
+def mission(*overrides):
+    return parse_mission(TEXT, "m.toml", overrides)
+
+
+def test_a_place_of_the_target_is_given_whole():
+    with pytest.raises(MissionError, match="one of latitude_deg and longitude_deg is missing"):
+        mission("handback.latitude_deg=47.3")
+    given = mission(*ON, "handback.latitude_deg=47.3", "handback.longitude_deg=8.5")
+    assert handback_settings(given).place == (47.3, 8.5)
+
+
+def test_the_hand_back_needs_the_survey():
+    for keys, said in ((ON[:1], ["handback.enabled = true needs the survey, set locate.enabled = true"]), (ON, [])):
+        lines = [line for line in check_mission(mission(*keys)) if line.subject == "handback"]
+        assert [line.text for line in lines] == said and all(line.grade is FAIL for line in lines)
+
+
+@pytest.mark.parametrize(("ours", "component"), [(191, 193), (192, 193), (193, 191), (194, 191)])
+def test_the_hand_back_sends_as_a_companion_of_its_own(ours, component):
+    assert handback_settings(mission(*ON, f"link.component_id={ours}")).component == component
+    assert handback_settings(mission()) is None
+
+
+def test_the_hand_back_is_opened_after_the_survey():
+    flown = mission(*ON)
+    with ExitStack() as open_things:
+        opened = open_onlookers(flown, Pilot(flown.pilot_settings()), None, {"web": None}, open_things)
+        names = [one.name for one in opened.attached if one.name in ("survey", "hand-back")]
+        assert names == ["survey", "hand-back"]
